@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fembridge.results.byte_file import ByteFile
 from fembridge.results.marc_post import PostFile
 
 MEGABYTES, QUICK_MEGABYTES = 1000.0, 10.0
@@ -161,7 +162,8 @@ def write(path: Path, size: Size, megabytes: float) -> int:
 def timed(path: Path, size: Size, written: int) -> tuple[float, float]:
     """Give seconds to open, and seconds with which all is read."""
     began = time.perf_counter()
-    with PostFile(path) as post:
+    with ByteFile(path) as file:
+        post = PostFile(file)
         opened = time.perf_counter() - began
         if len(post.increments) != written or post.problem:
             raise SystemExit(f"{path}: {len(post.increments)} of {written} increments")

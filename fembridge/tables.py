@@ -20,7 +20,6 @@ import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -72,6 +71,7 @@ RATE_COLUMNS = ("stimulus", "afferent", "rate_ips")
 MAX_TABLE_BYTES = 1 << 28  # whose cells are read as text
 _FRAME = Path("DataFrame")
 _LONGEST_HEADER = 1 << 16
+_NOT_UTF8 = "\N{REPLACEMENT CHARACTER}"  # what becomes of such a byte
 _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 _TOO_MANY_CELLS = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")  # pandas
 _COMMENT_SIGNS = ("%", "#")
@@ -140,7 +140,7 @@ def read_traces(
         raise UsageError(f"column {unknown[0]!r}, expected one of {', '.join(TRACE_KEYS)}")
     asked = {key: [each] if isinstance(each, str) else list(each) for key, each in names.items()}
     asked["time"] = asked.pop("time_ms", asked.get("time", [_DEFAULTS["time"]]))
-    samples, error = _plain_samples(source, asked) or _samples(source, asked, bool(names))
+    samples, error = samples_in(source, asked, bool(names))
     if log is not None and isinstance(source, Path) and source.is_file():
         with source.open("rb") as file:
             file.seek(-1, os.SEEK_END)
@@ -267,10 +267,22 @@ def _found(
     return found
 
 
+def samples_in(
+    source: "Path | pd.DataFrame", asked: Mapping[str, Sequence[str]], named: bool
+) -> "tuple[pd.DataFrame, Callable[[int, str], TableError]]":
+    """Samples of a table of traces, and what makes an error of a row.
+
+    `asked` has names of columns by `TRACE_KEYS`. Columns of the samples are ``time``, the
+    number of a value from 0 on, and whose they are. A table whose columns are `named` may be
+    as other programs write it.
+    """
+    return _plain_samples(source, asked) or _samples(source, asked, named)
+
+
 def _samples(
     source: "Path | pd.DataFrame", asked: Mapping[str, Sequence[str]], named: bool
 ) -> "tuple[pd.DataFrame, Callable[[int, str], TableError]]":
-    """Samples of a table of traces, cell by cell, and what makes an error of a row."""
+    """The same cell by cell."""
     import pandas as pd
 
     others = named and isinstance(source, Path) and _others_table(source)
@@ -465,8 +477,8 @@ class TextTable:
     """The cells of a CSV table as text; every method names the line of a bad cell.
 
     `header` has the names of the columns, `cells` their text by number of column,
-    without blanks around it, and `records` ``(row,)`` which record of `text` each row
-    is; the header is record 0.
+    without blanks around it, or numbers where they came as such, and `records` ``(row,)``
+    which record of `text` each row is; the header is record 0.
     """
 
     path: Path
@@ -486,7 +498,10 @@ class TextTable:
 
     def column(self, name: str) -> NDArray[Any]:
         """Text of the cells of a column ``(row,)``."""
-        return self.cells[self.header.index(name)].to_numpy(dtype=object)
+        cells = self.cells[self.header.index(name)]
+        if cells.dtype != object:
+            cells = cells.astype(object).where(cells.notna(), "").map(str)
+        return cells.to_numpy(dtype=object)
 
     def words(self, name: str) -> NDArray[Any]:
         """Column of cells that must not be empty."""
@@ -508,23 +523,35 @@ class TextTable:
         self, name: str, least: float = -math.inf, kind: type[float] = float
     ) -> NDArray[Any]:
         """Column of finite numbers of a `kind`, `least` or more."""
-        cells = self.column(name)
-        if not self.text:  # of a DataFrame, where nothing is no number
-            cells = np.where(cells == "", "nan", cells)
-        try:
-            if any("_" in cell for cell in cells):  # Python's digit groups, nobody else's
-                raise ValueError
-            numbers = cells.astype(kind)
-        except (ValueError, OverflowError):
-            words = "a whole number" if kind is int else "a number"
-            row = next(row for row, cell in enumerate(cells) if not _is(kind, cell))
-            raise self.error(row, f"{name} is {cells[row]!r}, expected {words}") from None
+        if self.cells[self.header.index(name)].dtype.kind in "iuf":
+            numbers = self.cells[self.header.index(name)].to_numpy(dtype=np.float64)
+            if kind is int:
+                whole = numbers == np.floor(numbers)
+                self.refuse(
+                    ~whole, lambda row: f"{name} is {numbers[row]:g}, expected a whole number"
+                )
+                numbers = numbers.astype(np.int64)
+        else:
+            numbers = self._from_text(name, kind)
         wanted = "a finite number" if least == -math.inf else f">= {least:g}"
         self.refuse(
             ~(np.isfinite(numbers) & (numbers >= least)),
             lambda row: f"{name} is {numbers[row]:g}, expected {wanted}",
         )
         return numbers
+
+    def _from_text(self, name: str, kind: type[float]) -> NDArray[Any]:
+        cells = self.column(name)
+        if not self.text:  # of a DataFrame, where nothing is no number
+            cells = np.where(cells == "", "nan", cells)
+        try:
+            if any("_" in cell for cell in cells):  # Python's digit groups, nobody else's
+                raise ValueError
+            return cells.astype(kind)
+        except (ValueError, OverflowError):
+            words = "a whole number" if kind is int else "a number"
+            row = next(row for row, cell in enumerate(cells) if not _is(kind, cell))
+            raise self.error(row, f"{name} is {cells[row]!r}, expected {words}") from None
 
     def refuse_duplicates(self, keys: "pd.DataFrame") -> None:
         """Refuse two rows of the same `keys`, a row of them for each row here."""
@@ -571,8 +598,9 @@ def read_table(source: "Path | pd.DataFrame", columns: Sequence[str] = ()) -> Te
     if isinstance(source, pd.DataFrame):
         path, header = _FRAME, tuple(map(str, source.columns))
         _check_header(header, columns, path)
-        cells = source.astype(object).where(source.notna(), "").map(str)
-        cells = cells.set_axis(range(len(header)), axis=1)
+        cells = source.set_axis(range(len(header)), axis=1)
+        words = cells.select_dtypes(exclude="number")
+        cells[words.columns] = words.astype(object).where(words.notna(), "").map(str)
         return TextTable(path, "", header, cells, np.arange(len(cells)))
     path, text = source, _decoded(source)
     try:
@@ -621,9 +649,8 @@ def header_in(text: str) -> tuple[list[str], str, str]:
     return [cell.strip() for cell in cells], text[at:], separator
 
 
-@lru_cache(maxsize=1)
-def cells_in(text: str, width: int, separator: str) -> "pd.DataFrame":
-    """Cells behind a header of `width`; kept, as an ingest asks three times; or a ValueError."""
+def _cells_in(text: str, width: int, separator: str) -> "pd.DataFrame":
+    """Cells behind a header of `width`; or a ValueError."""
     import pandas as pd
 
     first = next((line for line in text.splitlines() if line.strip()), "")
@@ -649,20 +676,21 @@ def _numbers_in(line: str) -> bool:
 
 def _others_table(path: Path) -> TextTable | None:
     """A table as other programs write it, with lines of %, or no commas; None of any other."""
-    text = _decoded(path)
+    text = _decoded(path, "replace")
     header, rest, separator = header_in(text)
     commented = _numbers_in(_COMMENTS.sub("", text, count=1).lstrip())
-    if separator == "," and not commented and not text.lstrip().startswith("%"):
+    ours = not (commented or text.lstrip().startswith("%") or _NOT_UTF8 in text)
+    if separator == "," and ours:
         return None
     try:
-        table = read_table(cells_in(rest, len(header), separator).set_axis(header, axis=1))
+        table = read_table(_cells_in(rest, len(header), separator).set_axis(header, axis=1))
     except ValueError as error:
         raise TableError(f"no table: {str(error)[:120]}", path) from error
     above = text[: len(text) - len(rest)].count("\n")
     return replace(table, path=path, records=table.records + above)
 
 
-def _decoded(path: Path) -> str:
+def _decoded(path: Path, errors: str = "strict") -> str:
     def error_of(words: str) -> TableError:
         return TableError(words.removeprefix(f"{path}: "), path)
 
@@ -673,7 +701,7 @@ def _decoded(path: Path) -> str:
             path,
         )
     try:
-        return content.decode("utf-8-sig")
+        return content.decode("utf-8-sig", errors)
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         found = f"byte 0x{content[error.start]:02x}"

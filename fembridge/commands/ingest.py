@@ -23,6 +23,7 @@ from fembridge.commands.options import Several, Words, column
 
 if TYPE_CHECKING:
     from fembridge.results import Result
+    from fembridge.results.readers import ReadOptions
 
 EXAMPLE = "fembridge ingest sine_20_250/job.frd -o traces.csv"
 LAST = "last"  # increment
@@ -135,13 +136,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """List, or read and write; the summary says what was written."""
-    from fembridge.errors import UsageError
     from fembridge.results import open_result
-    from fembridge.results.byte_file import suffix_of
-    from fembridge.results.readers import PRINTS
 
-    where = args.result  # until it is known which file that is
-    result = open_result(
+    with open_result(
         args.result,
         partial=args.partial,
         across_materials=args.across_materials,
@@ -150,9 +147,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         extrapolate=args.extrapolate,
         von_mises=args.von_mises,
         columns=dict(args.columns) if args.columns else None,
-        log=lambda words: print(f"{where}: {words}", file=sys.stderr),
-    )
-    where = result.path
+        log=lambda words: print(f"{result.path}: {words}", file=sys.stderr),
+    ) as result:
+        return _run(args, result)
+
+
+def _run(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
+    from fembridge.errors import UsageError
+    from fembridge.results.byte_file import suffix_of
+    from fembridge.results.printed import describe_print
+    from fembridge.results.readers import PRINTS
+
     path, suffix = result.path, suffix_of(result.path)
     if suffix == ".dat":  # of a Marc deck, too
         from decks.marc.grammar import is_marc_deck
@@ -163,7 +168,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     kind = _kind(args, result, printed)
     foreign = kind == "traces" and result.run is None
     if kind == "list" or (foreign and _nothing_chosen(args, result)):
-        held = _described(result, suffix in PRINTS)
+        held = describe_print(path) if suffix in PRINTS else result.source.describe()
         ways = [] if kind == "list" else _ways(args, result)
         if not args.json:
             _show(path, held)
@@ -176,37 +181,33 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "field": _field, "vtu": _vtu,
     }[kind]  # fmt: skip
     summary, words, rows = write(args, result)
-    if (suffix in PRINTS and suffix != ".dat") or kind == "plot":
-        unit = ""
-    else:
-        taken, open_to = result.options.stress_unit, True
-        if result.options.columns:
-            from fembridge.results.columns import stress_units_in
-
-            taken, open_to = stress_units_in(result.options.columns, taken)
-        summary["stress_unit"], unit = taken, f"; stress in the file taken as {taken}"
-        if open_to and args.stress_unit is None and (kind != "traces" or result.run is None):
-            unit += " (--stress-unit says otherwise)"
-        if "mm" in summary.get("units", ()):
-            summary["length_unit"] = result.options.length_unit
-            unit = f"; lengths in the file taken as {result.options.length_unit}"
-            unit += " (--length-unit says otherwise)" if args.length_unit is None else ""
-        elif summary.get("units", ("Pa",))[0] != "Pa":
-            unit = ""
+    if kind != "plot" and (suffix not in PRINTS or suffix == ".dat"):
+        ours = kind == "traces" and result.run is not None
+        words += _units_taken(args, result.options, summary, ours)
     if not args.json:
-        print(f"{summary['output']}: {words}{unit}", *(f"  {row}" for row in rows), sep="\n")
+        print(f"{summary['output']}: {words}", *(f"  {row}" for row in rows), sep="\n")
     return summary
 
 
-def _described(result: "Result", printed: bool) -> dict[str, Any]:
-    """What the file holds; of a ``.frd`` with the sets of the deck beside it."""
-    from fembridge.results.nodes import sets_beside
-    from fembridge.results.printed import describe_print
+def _units_taken(
+    args: argparse.Namespace, options: "ReadOptions", summary: dict[str, Any], ours: bool
+) -> str:
+    """The unit that the file was taken to be in, in words and in the `summary`."""
+    taken, open_to = options.stress_unit, True
+    if options.columns:
+        from fembridge.results.columns import stress_units_in
 
-    held: dict[str, Any] = describe_print(result.path) if printed else result.describe()
-    if held["format"] == "ccx-frd" and (sets := sets_beside(result.path)):
-        held["sets"] = sets
-    return held
+        taken, open_to = stress_units_in(options.columns, taken)
+    summary["stress_unit"] = taken
+    if "mm" in summary.get("units", ()):
+        summary["length_unit"] = options.length_unit
+        hint = " (--length-unit says otherwise)" if args.length_unit is None else ""
+        return f"; lengths in the file taken as {options.length_unit}{hint}"
+    if summary.get("units", ("Pa",))[0] != "Pa":
+        return ""
+    hint = " (--stress-unit says otherwise)"
+    asked = args.stress_unit is not None or ours or not open_to
+    return f"; stress in the file taken as {taken}{'' if asked else hint}"
 
 
 def _kind(args: argparse.Namespace, result: "Result", printed: bool) -> str:
@@ -250,7 +251,7 @@ def _kind(args: argparse.Namespace, result: "Result", printed: bool) -> str:
     if whole or word == "--point":
         return word.removeprefix("--")
     if not word and path.suffix.lower() == ".txt":
-        return "traces" if result.describe()["over_time"] else "plot"
+        return "traces" if result.source.describe()["over_time"] else "plot"
     return "table" if printed else "traces"
 
 
@@ -346,7 +347,7 @@ def _one_quantity(args: argparse.Namespace, path: Path) -> str | None:
 
 def _at_nodes(args: argparse.Namespace, result: "Result") -> bool:
     """Whether traces at nodes are asked of a ``.dat`` of Abaqus, not its tables."""
-    from fembridge.results.abaqus_dat import is_abaqus
+    from fembridge.results.printed import is_abaqus
 
     chosen = args.node or args.sets or args.near or args.afferents
     ours = result.run is not None and result.run.solver == "abaqus"
@@ -372,7 +373,6 @@ def _nothing_chosen(args: argparse.Namespace, result: "Result") -> bool:
 def _ways(args: argparse.Namespace, result: "Result") -> list[str]:
     """What to say of how something is taken out of `result`: commands that were tried."""
     import shlex
-    from dataclasses import replace
 
     from fembridge.errors import FembridgeError
 
@@ -381,9 +381,9 @@ def _ways(args: argparse.Namespace, result: "Result") -> list[str]:
         command += f" --{option}-unit {given}" if given else ""
     problem = ""
     for partial in dict.fromkeys((result.options.partial, True)):
-        options = replace(result.options, partial=partial, log=None)
         try:
-            number, across, found = replace(result, options=options).largest_node()
+            asked = result.reading(partial=partial, log=None)
+            number, across, found = asked.largest_node()
         except FembridgeError as error:
             problem = problem or str(error)
             continue
@@ -400,13 +400,11 @@ def _sides(args: argparse.Namespace, result: "Result") -> Written:
     """Stress at nodes as each layer there has it: a row a time and side."""
     import numpy as np
 
-    from fembridge.results.source import open_source
     from fembridge.results.stress import TENSOR
     from fembridge.tables import write_table
 
-    with open_source(result.path, result.options) as source:
-        nodes = dict.fromkeys(args.node)
-        found = [side for node in nodes for side in source.sides(node, args.one_sided)]
+    nodes = dict.fromkeys(args.node)
+    found = [side for node in nodes for side in result.source.sides(node, args.one_sided)]
     output: Path = args.output or Path(f"{result.path.stem}_sides.csv")
     stresses = ["von_mises_pa", *(f"{name}_pa" for name in TENSOR)]
     samples = (
@@ -457,11 +455,12 @@ def _table(args: argparse.Namespace, result: "Result") -> Written:
 
 def _plot(args: argparse.Namespace, result: "Result") -> Written:
     """A plot saved from Mentat as a table, number by number."""
-    from fembridge.results.mentat import write_plot_table
+    from fembridge.results.mentat import PlotSource
 
-    columns = result.describe()["columns"]
+    assert isinstance(result.source, PlotSource)
+    columns = result.source.describe()["columns"]
     output: Path = args.output or Path(f"{result.path.stem}_plot.csv")
-    rows = write_plot_table(result.path, output, result.options)
+    rows = result.source.write_table(output)
     summary = {"output": str(output), "format": "mentat-plot", "rows": rows, "columns": columns}
     return summary, f"{rows} rows of {', '.join(columns)}; numbers as in the file", []
 
@@ -469,9 +468,8 @@ def _plot(args: argparse.Namespace, result: "Result") -> Written:
 def _field(args: argparse.Namespace, result: "Result") -> Written:
     """One quantity of one increment at all nodes."""
     from fembridge.results.fields import write_field
-    from fembridge.results.source import read_field
 
-    found = read_field(result.path, args.field, args.increment, result.options)
+    found = result.source.field(args.field, args.increment)
     name = f"{found.name.lower().replace(' ', '_')}_{found.step}_{found.increment}"
     output: Path = args.output or Path(f"{result.path.stem}_{name}.npz")
     write_field(output, found)
@@ -494,13 +492,10 @@ def _field(args: argparse.Namespace, result: "Result") -> Written:
 
 def _vtu(args: argparse.Namespace, result: "Result") -> Written:
     """Every increment for ParaView."""
-    from fembridge.results.vtu import write_vtu_series
+    from fembridge.results.vtu import write_frames
 
     derived = tuple(dict.fromkeys(args.derived or ("von_mises",)))
-    collection = write_vtu_series(
-        result, args.vtu, quantities=args.quantity, derived=derived, modes=args.modes
-    )
-    count = len(list(args.vtu.glob("*.vtu")))
+    collection, count = write_frames(result.source, args.vtu, args.quantity, derived, args.modes)
     summary = {"output": str(collection), "increments": count}
     return summary, f"{count} increments", []
 
@@ -538,6 +533,10 @@ def _lines(name: str, value: Any) -> Iterator[str]:  # noqa: ANN401 - whatever J
     one_of = name.replace("bodies", "body").removesuffix("s")
     if name == "quantities":
         yield from map(_quantity, value)
+    elif name == "sets" and isinstance(value, list):
+        for kind in dict.fromkeys(one["kind"] for one in value):
+            held = [f"{one['name']} {one['members']}" for one in value if one["kind"] == kind]
+            yield f"{kind} sets: {', '.join(held)}"
     elif name == "sections":
         yield from (f"{section}: {_counted(count, 'time')}" for section, count in value.items())
     elif isinstance(value, list) and (isinstance(value[0], dict) or name == "remarks"):

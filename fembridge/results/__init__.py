@@ -6,7 +6,7 @@ questions, is a `fembridge.results.result.Result`. What a file lacks, or has dam
 such a file cannot have are a `UsageError`.
 """
 
-from fembridge.results.readers import ENTRY_POINTS, READERS, Reader, reader_of, result_file
+from fembridge.results.readers import ENTRY_POINTS, READERS, Reader
 from fembridge.results.result import (
     Result,
     describe,
@@ -28,6 +28,4 @@ __all__ = [
     "read",
     "read_fields",
     "read_history",
-    "reader_of",
-    "result_file",
 ]

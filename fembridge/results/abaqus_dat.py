@@ -30,10 +30,10 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError, UsageError
-from fembridge.results.byte_file import ByteFile, text_lines
-from fembridge.results.dat_section import DatSection
+from fembridge.results.byte_file import text_lines
 from fembridge.results.history import History, of_samples
-from fembridge.results.read_options import ReadOptions, in_pa
+from fembridge.results.printed import TABLE, DatSection
+from fembridge.results.readers import ReadOptions, in_pa
 from fembridge.results.source import Source
 from fembridge.results.status import fortran
 from fembridge.results.stress import von_mises_pa
@@ -42,8 +42,6 @@ from fembridge.typing import FloatArray
 
 STRESSES_AT_NODES, MISES_AT_NODES = "stresses at nodes", "von mises stress at nodes"
 
-_LOOK_BYTES = 1 << 14
-_TABLE = "THE FOLLOWING TABLE IS PRINTED"
 _ENDED = "THE ANALYSIS HAS BEEN COMPLETED"
 _NUMBER = r"([-+]?\d*\.?\d*(?:E[-+]?\d+)?)"
 _INCREMENT = re.compile(r" *INCREMENT +(\d+) +SUMMARY *")
@@ -58,29 +56,15 @@ _FAMILIES = {"S": "stresses", "MISES": "von mises stress", "U": "displacements",
              "LE": "strains", "RF": "forces", "COOR": "global coordinates"}  # fmt: skip
 
 
-def is_abaqus(path: Path) -> bool:
-    """Whether a ``.dat`` is one of Abaqus."""
-    with ByteFile(path) as file:
-        start = file.peek(0, _LOOK_BYTES)
-    return b"ABAQUS" in start.upper() or _TABLE.encode() in start
-
-
 class AbaqusSource(Source):
     """Stress at nodes, averaged over elements by Abaqus."""
 
-    def history(
-        self,
-        nodes: Sequence[int] | None,
-        quantity: str | None = None,
-        modes: bool = False,
-        last: bool = False,
-    ) -> History:
+    def stress(self, nodes: Sequence[int] | None) -> History:
         """Von Mises stress at `nodes`, in that order.
 
         Of a node in several tables, whose means are over other elements each, the one of its
         own afferent's elements is taken where ``run.toml`` says which that is.
         """
-        self.refuse_but_stress(quantity, modes)
         if nodes is None:
             raise UsageError(f"{self.path}: it gives stress at nodes that are named")
         path, options = self.path, self.options
@@ -116,7 +100,7 @@ class AbaqusSource(Source):
                     f"{words} elements each, and no run.toml says which is its own", path
                 )
             taken.append((node, np.array(sets[name])))
-        return of_samples(taken)
+        return of_samples(taken, path)
 
 
 @dataclass(slots=True)
@@ -234,13 +218,13 @@ def _tables(path: Path) -> Iterator[tuple[_Open | None, int, bool]]:
     clock, table, at = _Clock(), None, 0
     for number, line, ended in text_lines(path):
         text = line.strip()
-        if _ENDED in line or clock.reads(line) or _TABLE in line:
+        if _ENDED in line or clock.reads(line) or TABLE in line:
             if table is not None:
                 yield table, at, True
             table = None
             if _ENDED in line:
                 yield None, number, True
-            elif _TABLE in line:
+            elif TABLE in line:
                 table, at = _Open(clock.now_s * MS_PER_S, text), number
         elif table is None or table.ended or not text or text == "NOTE":
             if table is not None and text.startswith("TOTAL") and ended:

@@ -24,21 +24,22 @@ import re
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 
-from fembridge.errors import FembridgeError, MissingError, ResultError, UsageError
+from fembridge.errors import FembridgeError, MissingError, ResultError, TableError, UsageError
 from fembridge.results.byte_file import ByteFile, suffix_of
 from fembridge.results.fields import TIMES_IN_MS, rows_of
 from fembridge.results.history import History
-from fembridge.results.read_options import PA_PER_UNIT, ReadOptions, in_pa
+from fembridge.results.readers import PA_PER_UNIT, ReadOptions, in_pa
 from fembridge.results.source import Source
 from fembridge.results.stress import TENSOR
 from fembridge.store import read_bytes
-from fembridge.tables import AFFERENTS, cells_in, check_stress_unit, header_in, ms_per, pa_per
+from fembridge.tables import check_stress_unit, header_in, ms_per, pa_per, samples_in
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
 VALUES = ("value", *TENSOR)
@@ -70,54 +71,43 @@ def stress_units_in(columns: Mapping[str, str], unit: str) -> tuple[str, bool]:
 class ColumnSource(Source):
     """An open table or series."""
 
-    def __init__(self, path: Path, options: ReadOptions) -> None:
-        super().__init__(path, options)
-        suffix = suffix_of(path)
+    def __init__(self, file: ByteFile, options: ReadOptions) -> None:
+        super().__init__(file, options)
+        suffix = suffix_of(self.path)
         self.kind = {".csv": "table", ".npz": "npz"}.get(suffix, "vtk-series")
-        if self.kind != "table" and path.suffix.lower() == ".gz":
-            raise ResultError(f"a packed {suffix} is not read: gunzip it first", path)
-        with ByteFile(path) as file:
-            if file.size > _MOST_BYTES:
-                raise ResultError(f"more than {_MOST_BYTES} bytes, which no table has", path)
+        if self.kind != "table" and self.path.suffix.lower() == ".gz":
+            raise ResultError(f"a packed {suffix} is not read: gunzip it first", self.path)
+        if file.size > _MOST_BYTES:
+            raise ResultError(f"more than {_MOST_BYTES} bytes, which no table has", self.path)
 
     def describe(self) -> Table:
-        """Names of columns or arrays: what ``--columns`` can name."""
-        return {"format": self.kind, "bytes": self.path.stat().st_size} | self.about()
+        """Names of columns, or arrays with their shapes: what ``--columns`` can name."""
+        return {"format": self.kind, "bytes": self.file.size} | self._held
 
-    def named_nodes(self) -> Sequence[int]:
-        """The nodes of a table whose columns are named."""
-        named = self.options.columns and self.kind != "vtk-series"
-        return self.history(None).nodes if named else ()
-
-    def about(self) -> Table:
-        """Columns, or arrays with their shapes; times of a series."""
+    @cached_property
+    def _held(self) -> Table:
         if self.kind == "table":
-            return {"columns": _header(self.path)[0]}
+            text = self.file.peek(0, _MOST_BYTES).decode("utf-8-sig", errors="replace")
+            return {"columns": header_in(text)[0]}
         if self.kind == "npz":
-            return {"arrays": {name: str(one.shape) for name, one in self._npz().items()}}
+            return {"arrays": {name: str(one.shape) for name, one in self._npz.items()}}
         points, count, frames = self._series()
         at, arrays = next(frames)
         shapes = {name: str(one.shape[1:] or "") for name, one in arrays.items()}
         held = [f"{name} {shape}".strip() for name, shape in shapes.items()]
         return {"points": len(points), "outputs": count, "first at": at, "arrays": held}
 
-    def history(
-        self,
-        nodes: Sequence[int] | None,
-        quantity: str | None = None,
-        modes: bool = False,
-        last: bool = False,
-    ) -> History:
+    def named_nodes(self) -> Sequence[int]:
+        """The nodes of a table whose columns are named."""
+        named = self.options.columns and self.kind != "vtk-series"
+        return self._parts.nodes.tolist() if named else ()
+
+    def stress(self, nodes: Sequence[int] | None) -> History:
         """Stress as the columns say, at `nodes` or all."""
-        names = self._names()
-        self.refuse_but_stress(quantity, modes)
-        parts = {"table": self._of_table, "npz": self._of_npz}.get(self.kind, self._of_series)
-        time, held, values, afferents = parts(names)
-        ours = self.kind == "vtk-series" and TIMES_IN_MS in self._start()
-        to_ms = 1.0 if ours else ms_per(time, "time_ms" in names, self.options.note)
-        at, number = held["time"] * to_ms, held["node"]
-        if last:
-            at, values = at[-1:], values[-1:]
+        time, at, number, values, afferents = self._parts
+        ours = self.kind == "vtk-series" and TIMES_IN_MS.encode() in self.file.peek(0, _START_BYTES)
+        in_ms = "time_ms" in self.options.columns
+        to_ms = 1.0 if ours else ms_per(time, in_ms, self.options.note)
         if nodes is not None:
             wanted = np.array(nodes, dtype=np.int64)
             rows = rows_of(wanted, number)
@@ -129,21 +119,25 @@ class ColumnSource(Source):
                 )
             number, values = wanted, values[:, rows]
             afferents = tuple(afferents[row] for row in rows) if afferents else ()
-        nodes = tuple(number.tolist())
-        found = History.of_stress(nodes, at, self._checked_values(values))
+        found = History.of_stress(number, at * to_ms, self._stress_pa(values), self.path)
         return replace(found, afferents=afferents)
 
-    def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
+    def places(self) -> tuple[IntArray, FloatArray, BoolArray]:
         """Numbers and coordinates ``(n, 3)`` of the points of a series, in mm; all have stress."""
         if self.kind != "vtk-series":
-            yield from super().places()
+            return super().places()
         points, _, frames = self._series()
         number = self._numbers(next(frames)[1], len(points), self.options.columns)
-        yield number, points * self.options.length_mm, np.ones(len(points), dtype=np.bool_)
+        return number, points * self.options.length_mm, np.ones(len(points), dtype=np.bool_)
+
+    @cached_property
+    def _parts(self) -> "_Parts":
+        return {"table": self._of_table, "npz": self._of_npz}.get(self.kind, self._of_series)(
+            self._names()
+        )
 
     def _names(self) -> Mapping[str, str]:
-        names = self.options.columns
-        held = self.about()
+        names, held = self.options.columns, self._held
         words = ", ".join(held.get("columns") or held["arrays"])
         if not names:
             raise ResultError(
@@ -166,7 +160,7 @@ class ColumnSource(Source):
                 raise ResultError(f"no column {name!r} ({key}); it holds {words}", self.path)
         return names
 
-    def _checked_values(self, values: FloatArray) -> FloatArray:
+    def _stress_pa(self, values: FloatArray) -> FloatArray:
         if not np.isfinite(values).all():
             row, place, _ = np.argwhere(~np.isfinite(values))[0].tolist()
             raise ResultError(f"sample {row + 1} of place {place + 1} is no number", self.path)
@@ -178,55 +172,39 @@ class ColumnSource(Source):
             values = values * np.array([each or PA_PER_UNIT[unit] for each in named])
         return in_pa(values, replace(self.options, stress_unit="Pa"), self.path)
 
-    def _start(self) -> str:
-        with self.path.open("rb") as file:
-            return file.read(_START_BYTES).decode("latin-1")
-
     # --- CSV
 
     def _of_table(self, names: Mapping[str, str]) -> "_Parts":
-        import pandas
-
-        header, text, separator = _header(self.path)
-        places = {key: header.index(name) for key, name in names.items()}
+        time = names.get("time", names.get("time_ms", ""))
+        asked = {key: [names[key]] for key in ("node", "afferent") if key in names}
+        values = [names[key] for key in VALUES if key in names]
+        asked |= {"time": [time], "value": values}
         try:
-            table = cells_in(text, len(header), separator)
-        except ValueError as error:
-            raise ResultError(f"no table: {str(error)[:120]}", self.path) from error
-        columns: dict[str, Any] = {key: table[at] for key, at in places.items()}
-        afferent = columns.pop("afferent", None)
-        for key, column in columns.items():
-            numbers = pandas.to_numeric(column, errors="coerce").to_numpy(dtype=np.float64)
-            if not np.isfinite(numbers).all():
-                row = int(np.argmin(np.isfinite(numbers)))
-                words = f"row {row + 1} of column {names[key]}: {str(column[row])[:40]!r}"
-                raise ResultError(f"{words} is no number", self.path)
-            columns[key] = numbers
-        time = columns.pop("time", columns.pop("time_ms", None))
-        number = columns.pop("node", np.ones(time.size)).astype(np.int64)
-        classes: tuple[str | None, ...] = ()
-        if afferent is not None:
-            said = afferent.fillna("").astype(str).str.strip().to_numpy(dtype=object)
-            if strange := set(said) - {"", *AFFERENTS}:
-                raise ResultError(f"afferent {min(strange)!r}, expected SA, RA, PC", self.path)
-        values = _stacked(columns)
-        order = np.argsort(number, kind="stable")
-        nodes, counts = np.unique(number, return_counts=True)
-        if not time.size or (counts != counts[0]).any():
-            few = "" if not time.size else f": node {nodes[counts.argmin()]} has fewest"
-            raise ResultError(f"nodes have {counts.min(initial=0)} rows and more{few}", self.path)
-        times = time[order].reshape(nodes.size, -1)
+            samples, error_of = samples_in(self.path, asked, named=True)
+        except TableError as error:
+            raise ResultError(error.problem, self.path, error.line) from error
+        if "node" not in samples:
+            samples["node"] = 1
+        samples = samples.sort_values("node", kind="stable")
+        nodes, counts = np.unique(samples["node"], return_counts=True)
+        if (counts != counts[0]).any():
+            few = f"node {nodes[counts.argmin()]} has fewest"
+            raise ResultError(f"nodes have {counts.min()} rows and more: {few}", self.path)
+        times = samples["time"].to_numpy().reshape(nodes.size, -1)
         if (times != times[0]).any():
-            row = int(np.argwhere((times != times[0]).any(axis=1))[0, 0])
-            raise ResultError(f"node {nodes[row]} has other times than {nodes[0]}", self.path)
-        if afferent is not None:
-            classes = tuple(said[order][:: counts[0]].tolist())
-        values = values[order].reshape(nodes.size, counts[0], -1).transpose(1, 0, 2)
-        name = names.get("time", names.get("time_ms", ""))
-        return name, {"time": times[0], "node": nodes}, values, classes
+            row, at = np.argwhere(times != times[0])[0]
+            words = f"node {nodes[row]} has other times than {nodes[0]}"
+            line = error_of(samples.index[row * counts[0] + at], words).line
+            raise ResultError(words, self.path, line)
+        classes: tuple[str, ...] = ()
+        if "afferent" in samples:
+            classes = tuple(map(str, samples["afferent"].iloc[:: counts[0]]))
+        held = samples[list(range(len(values)))].to_numpy().reshape(nodes.size, counts[0], -1)
+        return _Parts(time, times[0], nodes, held.transpose(1, 0, 2), classes)
 
     # --- NPZ
 
+    @cached_property
     def _npz(self) -> dict[str, np.ndarray[Any, Any]]:
         try:
             with zipfile.ZipFile(self.path) as held:
@@ -238,7 +216,7 @@ class ColumnSource(Source):
             raise ResultError(f"no NPZ of numbers: {str(error)[:120]}", self.path) from error
 
     def _of_npz(self, names: Mapping[str, str]) -> "_Parts":
-        arrays = self._npz()
+        arrays = self._npz
         name = names.get("time", names.get("time_ms", ""))
         try:
             held = {key: arrays[one] for key, one in names.items() if key != "afferent"}
@@ -255,7 +233,7 @@ class ColumnSource(Source):
         except ValueError as error:
             raise ResultError(f"shapes do not fit: {error}", self.path) from error
         classes = tuple(map(str, arrays[names["afferent"]])) if "afferent" in names else ()
-        return name, {"time": time, "node": number}, values, classes
+        return _Parts(name, time, number, values, classes)
 
     # --- VTU, PVD, XDMF
 
@@ -274,8 +252,8 @@ class ColumnSource(Source):
             found.append(_tensors(value, self.path, self.path.suffix.lower() != ".xdmf"))
         if number is None:
             raise ResultError("no time in it", self.path)
-        held = {"time": np.array(times), "node": number}
-        return names.get("time", names.get("time_ms", "time")), held, np.stack(found), ()
+        name = names.get("time", names.get("time_ms", "time"))
+        return _Parts(name, np.array(times), number, np.stack(found))
 
     def _numbers(self, arrays: Arrays, count: int, names: Mapping[str, str]) -> IntArray:
         if "node" not in names:
@@ -326,15 +304,14 @@ class ColumnSource(Source):
         return ResultError(f"no VTK or XDMF that can be read: {words[:120]}", self.path)
 
 
-_Parts = tuple[str, dict[str, Any], FloatArray, tuple[str | None, ...]]
-"""The name of the time, times and node numbers, values ``(T, node, component)``, classes."""
+class _Parts(NamedTuple):
+    """The name of the time; times ``(T,)`` and nodes; values ``(T, node, component)``; classes."""
 
-
-def _header(path: Path) -> tuple[list[str], str, str]:
-    """Columns, the text behind their line, and what separates cells."""
-    with ByteFile(path) as file:
-        content = file.peek(0, _MOST_BYTES)
-    return header_in(content.decode("utf-8-sig", errors="replace"))
+    time_name: str
+    at: FloatArray
+    nodes: IntArray
+    values: FloatArray
+    afferents: tuple[str, ...] = ()
 
 
 def _stacked(held: Mapping[str, Any]) -> FloatArray:

@@ -9,12 +9,12 @@ CalculiX has no units. Lengths are taken as mm, times as s, and stress in `ReadO
 what comes out is mm, ms and Pa, for stresses and for energy densities (1 Pa is 1 J/m³).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
+from decks.unit_system import UnitSystem, unit_system_in
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.fields import VERTEX, Field, Scene, SceneCells, rows_of
@@ -35,7 +35,7 @@ from fembridge.results.frd import (
     values_at,
 )
 from fembridge.results.history import OF_STRESS, name_in, printed_digit_ms
-from fembridge.results.read_options import ReadOptions
+from fembridge.results.readers import ReadOptions
 from fembridge.results.source import FieldSource, Span, check_finite, field_of
 from fembridge.results.stress import OneSidedStress
 from fembridge.trace import MS_PER_S
@@ -48,6 +48,7 @@ Outputs = Sequence[dict[str, FrdBlock]]
 # pages back and faulting them in again at each increment (benchmarks: half the time
 # of a float64 file, a quarter of a text one). Elsewhere it does nothing.
 _KEPT_BYTES = 1 << 23
+_HEADING_BYTES = 4096  # in which a heading is sought
 _NO_RECORDS = " has 0 records: with OUTPUT=3D CalculiX writes none for an NSET of a plane model; "
 _NO_RECORDS += "use OUTPUT=2D"
 
@@ -55,19 +56,20 @@ _NO_RECORDS += "use OUTPUT=2D"
 class FrdSource(FieldSource[FrdBlock]):
     """An open ``.frd``."""
 
-    def __init__(self, path: Path, options: ReadOptions) -> None:
-        self._file = ByteFile(path)
-        super().__init__(path, options, self._file)
-        try:
-            self._index = FrdIndex(self._file)
-        except BaseException:
-            self._file.__exit__(None, None, None)
-            raise
+    def __init__(self, file: ByteFile, options: ReadOptions) -> None:
+        super().__init__(file, options)
+        self._index = FrdIndex(file)
+
+    def unit_system(self) -> UnitSystem | None:
+        """That of the deck's heading, which CalculiX copies to the start of its results."""
+        return unit_system_in(self.file.peek(0, _HEADING_BYTES).decode("latin-1"))
 
     def describe(self) -> Table:
-        """Mesh, quantities, increments, what is wrong."""
+        """Mesh, quantities, increments, what is wrong; and sets of the deck beside."""
+        from fembridge.results.nodes import sets_beside
+
         index = self._index
-        words = (self._file.change, index.problem())
+        words = (self.file.change, index.problem())
         storage = ("ASCII", "ASCII", "float32", "float64")
         quantities = []
         for name in index.names:
@@ -81,6 +83,7 @@ class FrdSource(FieldSource[FrdBlock]):
             "mesh_nodes": None if index.nodes is None else index.nodes.records,
             "elements": None if index.elements is None else index.elements.records,
             "materials": dict(sorted(index.materials.items())),
+            "sets": sets_beside(self.path),
             "quantities": quantities,
             "remarks": list(index.remarks),
             "problem": "; ".join(word for word in words if word) or None,
@@ -91,7 +94,7 @@ class FrdSource(FieldSource[FrdBlock]):
         nodes = self._index.nodes
         if block.records and not block.free and nodes and nodes.records == block.records:
             return nodes.records, *self._mesh_ends
-        ids = np.unique(node_ids(self._file, block))
+        ids = np.unique(node_ids(self.file, block))
         return (ids.size, int(ids[0]), int(ids[-1])) if ids.size else (0, None, None)
 
     @cached_property
@@ -100,7 +103,7 @@ class FrdSource(FieldSource[FrdBlock]):
         nodes = self._index.nodes
         if nodes is None or not nodes.records:
             return None, None
-        ids = node_ids(self._file, nodes)
+        ids = node_ids(self.file, nodes)
         return int(ids.min()), int(ids.max())
 
     def outputs(self) -> list[dict[str, FrdBlock]]:
@@ -116,7 +119,7 @@ class FrdSource(FieldSource[FrdBlock]):
         for remark in index.remarks:
             options.note(remark)
         if problem is not None:
-            words = "; ".join(filter(None, (self._file.change, *index.remarks, problem)))
+            words = "; ".join(filter(None, (self.file.change, *index.remarks, problem)))
             if not (options.partial and index.blocks):
                 hint = "; --partial (partial=True) reads what is whole" if index.blocks else ""
                 raise ResultError(words + hint, self.path)
@@ -217,7 +220,7 @@ class FrdSource(FieldSource[FrdBlock]):
 
     def at_nodes(self, blocks: Sequence[FrdBlock], nodes: Sequence[int]) -> FloatArray:
         """Values of one quantity, ``(T, node, component)``; stress inside one material."""
-        values = values_at(self._file, blocks, nodes)
+        values = values_at(self.file, blocks, nodes)
         if blocks[0].name == STRESS:
             inside = self._inside(blocks[0], nodes, values)
             if not inside.all():
@@ -274,7 +277,7 @@ class FrdSource(FieldSource[FrdBlock]):
         """All of `block`; nodes that are `known` are kept once."""
         if known is None:
             np.empty(_KEPT_BYTES, dtype=np.uint8)
-        nodes, values = block_table(self._file, block)
+        nodes, values = block_table(self.file, block)
         scales = [self.options.scale(unit) for unit in block.units]
         with np.errstate(over="ignore"):  # a number that overflows is not finite
             if set(scales) != {1.0}:
@@ -286,16 +289,16 @@ class FrdSource(FieldSource[FrdBlock]):
         """Below one second a ``.frd`` prints six digits, above it ten."""
         return printed_digit_ms(times_ms, np.where(times_ms < MS_PER_S, 6, 10))
 
-    def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
+    def places(self) -> tuple[IntArray, FloatArray, BoolArray]:
         """Nodes, coordinates ``(n, 3)`` in mm, and which have stress, or without any results."""
         index = self._index
         blocks = [block for block in index.named(STRESS) or index.blocks if block.records]
         if not blocks:
             held = ", ".join(index.names) or "nothing"
             raise ResultError(f"no results at nodes, it holds {held}", self.path)
-        held_by = np.unique(node_ids(self._file, blocks[0]))
+        held_by = np.unique(node_ids(self.file, blocks[0]))
         nodes, at_mm = self._coordinates()
-        yield nodes, at_mm, np.isin(nodes, held_by)
+        return nodes, at_mm, np.isin(nodes, held_by)
 
     def sides(self, node: int, set_name: str = "") -> tuple[OneSidedStress, ...]:
         """Stress at `node` for each material there, lowest number first.
@@ -370,7 +373,7 @@ class FrdSource(FieldSource[FrdBlock]):
 
     def mesh(self) -> Scene:
         """Nodes in file order, elements by kind; of plane ones z is 0."""
-        index, file = self._index, self._file
+        index, file = self._index, self.file
         if index.nodes is None or index.elements is None:
             kind = "nodes" if index.nodes is None else "elements"
             words = "; ".join(harm.problem for harm in index.damage)
@@ -412,7 +415,7 @@ class FrdSource(FieldSource[FrdBlock]):
         block, path = self._index.nodes, self.path
         if block is None or not block.records:
             raise ResultError("no node block, so no coordinates", path)
-        nodes, points_mm = block_table(self._file, block)
+        nodes, points_mm = block_table(self.file, block)
         check_finite(block, nodes, points_mm, path)
         return nodes, points_mm * self.options.length_mm
 
@@ -425,7 +428,7 @@ class FrdSource(FieldSource[FrdBlock]):
         for output in outputs:
             for name, one in output.items():
                 blocks.setdefault((name, one.records), one)
-        held = {key: node_ids(self._file, one) for key, one in blocks.items()}
+        held = {key: node_ids(self.file, one) for key, one in blocks.items()}
         every = [np.isin(scene.nodes, ids) for ids in held.values()]
         there = np.logical_or.reduce([np.zeros(scene.nodes.size, dtype=np.bool_), *every])
         note, size = self.options.note, scene.nodes.size

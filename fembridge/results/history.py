@@ -6,15 +6,15 @@ modes of a frequency or buckling step.
 
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fembridge.errors import ResultError, UsageError
-from fembridge.results.read_options import ReadOptions
+from fembridge.errors import ResultError, TraceError, UsageError
+from fembridge.results.readers import ReadOptions
 from fembridge.results.stress import DERIVED, TENSOR
 from fembridge.trace import (
     MS_PER_S,
@@ -46,6 +46,7 @@ TENSOR_COMPONENTS = tuple(f"S{place.upper()}" for place in TENSOR)
 OF_STRESS = {
     name.replace("_", "-"): of for name, (takes, of) in DERIVED.items() if takes == ("STRESS",)
 }
+NO_KEYS = np.empty((0, 2), dtype=np.int64)
 IMPLAUSIBLE_PA = 1.0e9  # of soft tissue, whose stresses are some kPa
 TIME, FREQUENCY = "total time", "frequency in cycles per time"
 _AXES = {TIME: "time_ms", FREQUENCY: "frequency_hz", "buckling factor": "buckling_factor"}
@@ -56,11 +57,11 @@ _UNIT_WORDS = {"": "", "1": "", "%": "percent", "mm/s": "mm_per_s", "mm/s2": "mm
 class History:
     """`values` ``(T, node, component)`` of `quantity` at `nodes`; NaN where a node has none.
 
-    A row is an output, of the step and increment, or mode, in `keys` ``(T, 2)``. `at`
-    ``(T,)`` is its time in ms, or what `axis` says of a mode. `units` has one word a
-    component. `afferents` are the classes that sit at the nodes, where these are known;
-    `last_digit_ms` what the last digit of a time is, that the file has; `step_ms` the step
-    from 0 on of a run from its stimulus on.
+    They are of the file `path`. A row is an output, of the step and increment, or mode, in
+    `keys` ``(T, 2)``. `at` ``(T,)`` is its time in ms, or what `axis` says of a mode. `units`
+    has one word a component. `afferents` are the classes that sit at the nodes, where these
+    are known; `last_digit_ms` what the last digit of a time is, that the file has; `step_ms`
+    the step from 0 on of a run from its stimulus on.
     """
 
     quantity: str
@@ -70,6 +71,7 @@ class History:
     at: FloatArray
     values: FloatArray
     keys: IntArray
+    path: Path
     axis: str = TIME
     afferents: tuple[str | None, ...] = ()
     last_digit_ms: Callable[[FloatArray], FloatArray] | None = None
@@ -77,14 +79,16 @@ class History:
 
     @classmethod
     def of_stress(
-        cls, nodes: tuple[int, ...], times_ms: FloatArray, stress_pa: FloatArray
+        cls, nodes: Iterable[int], times_ms: FloatArray, stress_pa: FloatArray, path: Path
     ) -> "History":
         """Stress over time ``(T, node, component)``: six are the tensor, one von Mises stress."""
         plain = stress_pa.shape[-1] == 1
         components = ("von_mises",) if plain else TENSOR_COMPONENTS
-        units, keys = ("Pa",) * len(components), np.empty((0, 2), dtype=np.int64)
+        units = ("Pa",) * len(components)
         word = VON_MISES if plain else STRESS
-        return cls(word, components, units, nodes, times_ms, stress_pa, keys)
+        return cls(
+            word, components, units, tuple(map(int, nodes)), times_ms, stress_pa, NO_KEYS, path
+        )
 
     @property
     def over_time(self) -> bool:
@@ -163,9 +167,9 @@ class History:
         if word not in OF_STRESS or word == self.quantity:
             return self
         if not set(TENSOR_COMPONENTS) <= set(self.components):
-            raise UsageError(
-                f"{word} takes a stress tensor, {self.quantity} has {', '.join(self.components)}"
-            )
+            held = ", ".join(self.components)
+            words = f"{self.path}: {word} takes a stress tensor, {self.quantity} has {held}"
+            raise UsageError(words)
         with np.errstate(over="ignore", invalid="ignore"):
             columns = [self.components.index(one) for one in TENSOR_COMPONENTS]
             values = OF_STRESS[word](np.nan_to_num(self.values[:, :, columns]))
@@ -182,26 +186,18 @@ class History:
     def resampled(self, dt_ms: float, log: Callable[[str], None] | None = None) -> "History":
         """Every `dt_ms` by PCHIP, see `fembridge.trace.resample`."""
         if not self.over_time:
-            raise UsageError(f"modes ({self.axis}) cannot be resampled over time")
-        if np.isnan(self.values).any():
-            raise UsageError("nodes that some outputs lack cannot be resampled: name nodes")
-        at, values = resample(self.at, self.values, dt_ms, log)
+            raise UsageError(f"{self.path}: modes ({self.axis}) cannot be resampled over time")
+        if words := self._missing():
+            raise ResultError(f"{words}: it cannot be resampled; name other nodes", self.path)
+        try:
+            at, values = resample(self.at, self.values, dt_ms, log)
+        except TraceError as error:
+            raise ResultError(str(error), self.path) from error
         step_ms, odd = mean_step(self.at)
         coarser = odd is None and step_ms < dt_ms
         if log and coarser and (doubt := doubt_of_step(self.values, step_ms, dt_ms)):
             log(doubt)
-        return replace(self, at=at, values=values, keys=np.empty((0, 2), dtype=np.int64))
-
-    def from_start(self, start_ms: float, slack_ms: float) -> "History":
-        """The rows from `start_ms` on; those of time 0 are stress-free, if it has none."""
-        kept = self.at >= start_ms - slack_ms
-        at, values = self.at[kept], self.values[kept]
-        keys = self.keys[kept] if self.keys.size else self.keys
-        if start_ms == 0.0 and at.size and at[0] > slack_ms:
-            at = np.concatenate([[0.0], at])
-            values = np.concatenate([np.zeros_like(values[:1]), values])
-            keys = np.concatenate([np.zeros_like(keys[:1]), keys])  # of no step
-        return replace(self, at=at, values=values, keys=keys)
+        return replace(self, at=at, values=values, keys=NO_KEYS)
 
     def unrounded(self) -> "History":
         """With even times, where they are even but for the rounding that they are stored with.
@@ -216,13 +212,15 @@ class History:
         off_ms = digit_ms + (1.0 - share) * digit_ms[0] + share * digit_ms[-1]  # ends, too
         return replace(self, at=even) if (np.abs(even - at) <= off_ms).all() else self
 
-    def traces(self, path: Path) -> list[StressTrace]:
+    def traces(self) -> list[StressTrace]:
         """Von Mises stress at each node, on an even grid."""
         found = self.derived(VON_MISES)
         if not self.over_time:
-            raise ResultError(f"{self.form}: no history over time, no trace to take", path)
+            raise ResultError(f"{self.form}: no history over time, no trace to take", self.path)
         if (np.diff(self.at) <= 0).any():
-            raise ResultError(self.form, path)
+            raise ResultError(self.form, self.path)
+        if self.step_ms is not None and (words := self._missing()):
+            raise ResultError(words, self.path)
         traces = []
         for row, node in enumerate(self.nodes):
             stress_pa = found.values[:, row, 0]  # noqa: PD011 - no frame
@@ -233,18 +231,26 @@ class History:
             held = ~np.isnan(stress_pa)
             times_ms, count = self.at[held], int(held.sum())
             if count < 2:
-                raise ResultError(f"node {node}: {count} samples, expected two or more", path)
+                raise ResultError(f"node {node}: {count} samples, expected two or more", self.path)
             dt_ms, odd = mean_step(times_ms)
             if odd is not None:
                 before_ms, after_ms = times_ms[odd : odd + 2]
                 raise ResultError(
                     f"node {node}: uneven time step, {before_ms:g} to {after_ms:g} ms where "
                     f"{dt_ms:g} ms is the mean; --resample-ms 0.5 (resample_ms=0.5) evens it",
-                    path,
+                    self.path,
                 )
             start_ms = float(times_ms[0])
             traces.append(StressTrace(stress_pa[held], dt_ms, node, afferent, start_ms))
         return traces
+
+    def _missing(self) -> str | None:
+        """Which node has no value, and when; None where all have."""
+        absent = np.argwhere(np.isnan(self.values).any(axis=2))
+        if not absent.size:
+            return None
+        row, column = absent[0].tolist()
+        return f"node {self.nodes[column]} has no value at {self.at[row]:g} ms, where others have"
 
     def columns(self) -> dict[str, Any]:
         """A long table by column, node by node: units in the names, von Mises as traces have it."""
@@ -333,7 +339,7 @@ def one_axis(name: str, axes: Sequence[str], modes: bool, options: ReadOptions) 
     return axis
 
 
-def of_samples(samples: Sequence[tuple[int, FloatArray]]) -> History:
+def of_samples(samples: Sequence[tuple[int, FloatArray]], path: Path) -> History:
     """Von Mises stress of nodes, each with its ``(time_ms, stress_pa)`` samples ``(T, 2)``."""
     times_ms = samples[0][1][:, 0]
     same_times = all(np.array_equal(one[:, 0], times_ms) for _, one in samples)
@@ -343,4 +349,4 @@ def of_samples(samples: Sequence[tuple[int, FloatArray]]) -> History:
     for column, (_, one) in enumerate(samples):
         rows = slice(None) if same_times else np.searchsorted(times_ms, one[:, 0])
         values[rows, column, 0] = one[:, 1]
-    return History.of_stress(tuple(node for node, _ in samples), times_ms, values)
+    return History.of_stress((node for node, _ in samples), times_ms, values, path)

@@ -18,7 +18,7 @@ Marc has no units. Lengths are taken as mm, times as s, and stress in
 `ReadOptions.stress_unit`; what comes out is mm, ms and Pa.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -26,6 +26,8 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError, UsageError
+from fembridge.results.byte_file import ByteFile
+from fembridge.results.extrapolation import UNKNOWN_LAYERS, MeshPoints
 from fembridge.results.fields import Block, Field, Key, Scene, rows_of
 from fembridge.results.history import (
     FREQUENCY,
@@ -35,9 +37,8 @@ from fembridge.results.history import (
     VON_MISES,
     printed_digit_ms,
 )
-from fembridge.results.marc_nodes import UNKNOWN_LAYERS, MeshPoints
 from fembridge.results.marc_post import PostCode, PostFile, PostIncrement
-from fembridge.results.read_options import ReadOptions
+from fembridge.results.readers import ReadOptions
 from fembridge.results.source import FieldSource, check_finite, field_of, names_in
 from fembridge.results.status import read_sts
 from fembridge.results.stress import TENSOR, OneSidedStress, von_mises_pa
@@ -224,9 +225,9 @@ class MarcSource(FieldSource[MarcBlock]):
     in the model.
     """
 
-    def __init__(self, path: Path, options: ReadOptions) -> None:
-        self._post = PostFile(path)
-        super().__init__(path, options, self._post)
+    def __init__(self, file: ByteFile, options: ReadOptions) -> None:
+        super().__init__(file, options)
+        self._post = PostFile(file)
         self._said: set[str] = set()
 
     @cached_property
@@ -250,7 +251,7 @@ class MarcSource(FieldSource[MarcBlock]):
         span = (ids.size, int(ids.min()), int(ids.max())) if ids.size else (0, None, None)
         return {
             "format": f"marc-{post.kind}",
-            "bytes": self.path.stat().st_size,
+            "bytes": self.file.size,
             "mesh_nodes": int(mesh.node_ids.size),
             "elements": int(counts.sum()),
             "materials": {},
@@ -451,14 +452,19 @@ class MarcSource(FieldSource[MarcBlock]):
         times_s = (np.abs(times_ms) / MS_PER_S).astype(np.float32)
         return np.spacing(times_s).astype(np.float64) * MS_PER_S
 
-    def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
+    def node_sets(self) -> dict[str, list[list[int]]]:
+        """Its sets of nodes by name."""
+        sets = self._post.mesh.sets
+        return {one.name.strip(): [one.members.tolist()] for one in sets if one.kind == "node"}
+
+    def places(self) -> tuple[IntArray, FloatArray, BoolArray]:
         """Nodes, coordinates ``(n, 3)`` in mm, and which have elements."""
         mesh, points = self._post.mesh, self._points
         if not mesh.node_ids.size:
             raise ResultError("no nodes in it, so no coordinates", self.path)
         keep = ~points.pressure_nodes()
         at_mm = mesh.coordinates_mm[keep] * self.options.length_mm
-        yield mesh.node_ids[keep], at_mm, points.bearing[keep]
+        return mesh.node_ids[keep], at_mm, points.bearing[keep]
 
     def scene(self, outputs: Outputs) -> tuple[Outputs, Scene]:
         """All `outputs`, and the mesh, a point a node and layer."""

@@ -1,6 +1,7 @@
 """A post file of Marc, ``.t16`` (binary) or ``.t19`` (text): mesh, increments, values.
 
->>> with PostFile(Path("job.t16")) as post:  # doctest: +SKIP
+>>> with ByteFile(Path("job.t16")) as file:  # doctest: +SKIP
+...     post = PostFile(file)
 ...     for increment in post.increments:
 ...         print(increment.time_s, post.nodal_values(increment.row, "Displacement"))
 
@@ -31,7 +32,6 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -175,7 +175,7 @@ class PostIncrement(NamedTuple):
 
 
 class PostFile:
-    """An open ``.t16`` or ``.t19``; a context manager that closes it.
+    """An open ``.t16`` or ``.t19``.
 
     `kind` is "t16" or "t19", `byte_order` "little" or "big" ("little" for text),
     `precision` "single" or "double". `points` is NSTRES, integration points an element.
@@ -183,8 +183,8 @@ class PostFile:
     None when it is whole.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, file: ByteFile) -> None:
+        self._file, self.path = file, file.path
         self.remarks: list[str] = []
         self.problem: str | None = None
         self.increments: list[PostIncrement] = []
@@ -193,28 +193,12 @@ class PostFile:
         self._of, self._where = "of the model", "at the beginning"
         self._numbers: dict[str, str] = {}  # of blocks, by their names
         self._lost: list[str] = []  # what is left out of the values
-        self._file = ByteFile(path)
-        try:
-            self._records = _records_of(self._file)
-            self._walk()
-        except BaseException:
-            self._file.__exit__(None, None, None)
-            raise
+        self._records = _records_of(file)
+        self._walk()
         self.kind, self.byte_order = self._records.kind, self._records.byte_order
         self.precision = "double" if self._records.real_bytes == 8 else "single"
         self.title, self.revision = self._model.title, self._model.revision
         self.codes, self.points = tuple(self._model.codes), self._model.points
-
-    def __enter__(self) -> "PostFile":
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._file.__exit__(*error)
-
-    @property
-    def change(self) -> str | None:
-        """How the file has changed since it was opened; None if it has not."""
-        return self._file.change
 
     @cached_property
     def mesh(self) -> PostMesh:

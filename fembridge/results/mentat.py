@@ -16,11 +16,10 @@ the line above that has one cell between tabs for each column. What has no name 
 Time is taken as s and stress in `ReadOptions.stress_unit`.
 """
 
-import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property
 from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
@@ -28,11 +27,11 @@ from typing import NamedTuple
 import numpy as np
 
 from fembridge.errors import ResultError
-from fembridge.results.byte_file import ByteFile, text_lines
+from fembridge.results.byte_file import text_lines
 from fembridge.results.history import History, of_samples
-from fembridge.results.read_options import ReadOptions, in_pa
+from fembridge.results.readers import ReadOptions, in_pa
 from fembridge.results.source import Source
-from fembridge.store import replacing
+from fembridge.tables import write_table
 from fembridge.trace import MS_PER_S
 from fembridge.typing import FloatArray, Table
 
@@ -42,7 +41,6 @@ _LEAST_ROWS, _LEAST_COLUMNS = 2, 2
 _NODE = re.compile(r"\b(?:node|n:) *:? *(\d+)\b", re.IGNORECASE)
 _TIME = re.compile(r"\btime\b", re.IGNORECASE)
 _VON_MISES = re.compile(r"\bmises\b|\bequivalent cauchy stress\b", re.IGNORECASE)
-_DEFAULTS = ReadOptions()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,23 +82,26 @@ class PlotTable:
 class PlotSource(Source):
     """A history plot: curves over time of nodes."""
 
-    def history(
-        self,
-        nodes: Sequence[int] | None,
-        quantity: str | None = None,
-        modes: bool = False,
-        last: bool = False,
-    ) -> History:
+    @cached_property
+    def _read(self) -> tuple[list[PlotTable], str]:
+        return read_plot_tables(self.path)
+
+    def _tables(self) -> list[PlotTable]:
+        tables, doubt = self._read
+        if doubt:
+            self.options.note(doubt)
+        return tables
+
+    def stress(self, nodes: Sequence[int] | None) -> History:
         """Von Mises stress over time at `nodes`, in that order; of None of all curves.
 
         A table whose columns have names must name time and von Mises stress; one of two columns
         without names is taken as that, with a note. Where the text names no node, `nodes` say
         whose its curves are, one for each.
         """
-        self.refuse_but_stress(quantity, modes)
         path, options = self.path, self.options
         found: list[tuple[int | None, FloatArray]] = []
-        for table in read_plot_tables(path, options):
+        for table in self._tables():
             times_ms = table.values[:, table.x] * MS_PER_S
             for column in _stress_columns(table, path, options):
                 stress_pa = in_pa(table.values[:, column], options, path)
@@ -121,76 +122,60 @@ class PlotSource(Source):
             if node not in curves:
                 there = ", ".join(map(str, curves))
                 raise ResultError(f"no curve of node {node}, there is {there}", path)
-        return of_samples([(node, curves[node]) for node in wanted])
+        return of_samples([(node, curves[node]) for node in wanted], path)
 
     def named_nodes(self) -> tuple[int, ...]:
         """The nodes that the text names, of all curves; none if it names none."""
         found = [
             table.node(column)
-            for table in read_plot_tables(self.path)
+            for table in self._read[0]
             for column in range(table.x + 1, len(table.labels))
         ]
         return tuple(dict.fromkeys(node for node in found if node is not None))
 
     def describe(self) -> Table:
         """Tables, columns and nodes of a plot."""
-        remarks: list[str] = []
-        tables = read_plot_tables(self.path, ReadOptions(log=remarks.append))
-        if not tables[0].is_named:
-            remarks.append("its columns have no names")
+        tables, doubt = self._read
+        unnamed = "" if tables[0].is_named else "its columns have no names"
         return {
             "format": "mentat-plot",
-            "bytes": self.path.stat().st_size,
+            "bytes": self.file.size,
             "tables": len(tables),
             "rows": sum(len(table.values) for table in tables),
             "columns": list(tables[0].labels),
             "over_time": all(table.is_over_time for table in tables),
             "nodes": list(self.named_nodes()),
-            "problem": "; ".join(remarks) or None,
+            "problem": "; ".join(filter(None, (doubt, unnamed))) or None,
         }
 
+    def write_table(self, output: Path) -> int:
+        """Write what the plot holds as CSV, number by number; the count of rows.
 
-def write_plot_table(path: Path, output: Path, options: ReadOptions = _DEFAULTS) -> int:
-    """Write what a plot holds as CSV, number by number; the count of rows.
-
-    Of several tables the first column, ``table``, counts them.
-    """
-    first, *others = tables = read_plot_tables(path, options)
-    columns = list(first.labels)
-    if any(table.labels != first.labels for table in others):
-        columns = _without_nodes(columns)
-    for table in others:
-        if _without_nodes(table.labels) != _without_nodes(columns):
-            words = f"columns {', '.join(table.labels)}, those of the first table are "
-            raise ResultError(words + ", ".join(first.labels), path, table.line)
-    columns = [
-        f"{name} ({columns[:at].count(name) + 1})" if name in columns[:at] else name
-        for at, name in enumerate(columns)
-    ]
-    with replacing(output) as draft, draft.open("w", newline="") as out:
-        writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(["table", *columns] if others else columns)
-        for count, table in enumerate(tables, start=1):
-            rows = (row.tolist() for row in table.values)
-            writer.writerows([count, *row] if others else row for row in rows)
-    return sum(len(table.values) for table in tables)
-
-
-def read_plot_tables(path: Path, options: ReadOptions = _DEFAULTS) -> list[PlotTable]:
-    """Read the longest table of a text, and the others as wide, in file order."""
-    with ByteFile(path) as file:
-        tables, cut = _tables_of(path, file.size, file.written_ns)
-    if cut:
-        options.note(f"the last line has no end and may be cut: {cut[-40:]!r}")
-    return list(tables)
+        Of several tables the first column, ``table``, counts them.
+        """
+        first, *others = tables = self._tables()
+        columns = list(first.labels)
+        if any(table.labels != first.labels for table in others):
+            columns = _without_nodes(columns)
+        for table in others:
+            if _without_nodes(table.labels) != _without_nodes(columns):
+                words = f"columns {', '.join(table.labels)}, those of the first table are "
+                raise ResultError(words + ", ".join(first.labels), self.path, table.line)
+        columns = [
+            f"{name} ({columns[:at].count(name) + 1})" if name in columns[:at] else name
+            for at, name in enumerate(columns)
+        ]
+        rows = (
+            [count, *row] if others else row
+            for count, table in enumerate(tables, start=1)
+            for row in table.values.tolist()
+        )
+        write_table(output, ["table", *columns] if others else columns, rows)
+        return sum(len(table.values) for table in tables)
 
 
-@lru_cache(maxsize=1)
-def _tables_of(path: Path, size: int, written_ns: int) -> tuple[tuple[PlotTable, ...], str]:
-    """The tables of a file of that size and date, and its last line if it has no end.
-
-    A command asks three times: what the abscissa is, which nodes there are, the numbers.
-    """
+def read_plot_tables(path: Path) -> tuple[list[PlotTable], str]:
+    """The longest table of a text and the others as wide, in file order; and a doubt, or ""."""
     read = [(number, _in_utf8(text), ended) for number, text, ended in text_lines(path)]
     cut = read[-1][1].strip() if read and not read[-1][2] else ""
     numbered = ((number, line, _numbers(line)) for number, line, _ in read)
@@ -226,7 +211,8 @@ def _tables_of(path: Path, size: int, written_ns: int) -> tuple[tuple[PlotTable,
             raise ResultError("a number that is not finite", path, one.first + int(bad[0][0]))
         header = tuple(filter(str.strip, one.above))
         tables.append(PlotTable(labels, one.values, header, one.first))
-    return tuple(tables), cut
+    doubt = f"the last line has no end and may be cut: {cut[-40:]!r}" if cut else ""
+    return tables, doubt
 
 
 class _Run(NamedTuple):

@@ -13,58 +13,45 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import DeckError, ResultError, UsageError
-from fembridge.results.read_options import ReadOptions
-from fembridge.results.source import open_source
+from fembridge.results.readers import ReadOptions, open_source
+from fembridge.results.source import Source
 from fembridge.store import MAX_DECK_BYTES, read_bytes
+from fembridge.typing import Table
 
-_POST = (".t16", ".t19")
 _MOST_NODES = 2_000_000
 
 
 def choose_nodes(
-    path: Path,
+    source: Source,
     nodes: Sequence[int] = (),
     sets: Sequence[str] = (),
     near_mm: Sequence[Sequence[float]] = (),
     deck: Path | None = None,
-    options: ReadOptions = ReadOptions(),  # noqa: B008 - frozen
 ) -> list[int]:
     """Numbers of nodes, of the `sets` and near the places `near_mm`, each once.
 
-    Parameters
-    ----------
-    path
-        The result file.
-    deck
-        Holds the sets; None takes those of the result file where it has sets, else the
-        deck with its stem beside it.
-    options
-        Its unit of length, and who gets what a set or place came to.
+    `deck` holds the sets; None takes those of the result file where it has sets, else the
+    deck with its stem beside it. What a set or place came to is noted.
     """
     found, words = [int(node) for node in nodes], []
     for name in sets:
-        members, place = node_set(path, name, deck)
+        members, place = node_set(source, name, deck)
         found += members
         shown = ", ".join(map(str, members[:5])) + (", ..." if len(members) > 5 else "")
         count = f"{len(members)} node{'s' * (len(members) != 1)}"
         words.append(f"set {name} of {place.name}: {count}, {shown}")
-    for node, said in near_nodes(path, near_mm, options) if len(near_mm) else ():
+    for node, said in near_nodes(source, near_mm) if len(near_mm) else ():
         found.append(node)
         words.append(said)
     for line in words:
-        options.note(line)
+        source.options.note(line)
     return list(dict.fromkeys(found))
 
 
-def node_set(path: Path, name: str, deck: Path | None) -> tuple[list[int], Path]:
-    """Nodes of the set `name`, case-blind and without blanks, and the file that has it.
-
-    `deck` None looks into the result file `path` where it has sets, and into the deck
-    with its stem.
-    """
+def node_set(source: Source, name: str, deck: Path | None) -> tuple[list[int], Path]:
+    """Nodes of the set `name`, case-blind and without blanks, and the file that has it."""
     missing = []
-    for file in _files_with_sets(path) if deck is None else [deck]:
-        sets = _sets_of(file)
+    for file, sets in _sets_of(source) if deck is None else [(deck, _sets_in(deck))]:
         for one, pieces in sets.items():
             if "".join(one.split()).casefold() == "".join(name.split()).casefold():
                 if not 0 < (count := sum(map(len, pieces))) <= _MOST_NODES:
@@ -75,13 +62,16 @@ def node_set(path: Path, name: str, deck: Path | None) -> tuple[list[int], Path]
     raise UsageError("; ".join(missing))
 
 
-def sets_beside(path: Path) -> dict[str, int]:
-    """How many nodes each set has of the deck beside a result file; none without a deck."""
+def sets_beside(path: Path) -> list[Table]:
+    """The node sets of the deck beside a result file, as a description has them."""
     try:
         sets = read_node_sets(path.with_suffix(".inp"))
     except ResultError:
-        return {}
-    return {name: sum(map(len, pieces)) for name, pieces in sets.items()}
+        return []
+    return [
+        {"name": name, "kind": "node", "members": sum(map(len, pieces))}
+        for name, pieces in sets.items()
+    ]
 
 
 def read_node_sets(deck: Path) -> dict[str, list[range]]:
@@ -98,37 +88,39 @@ def read_node_sets(deck: Path) -> dict[str, list[range]]:
     return sets
 
 
-def _files_with_sets(result: Path) -> Iterator[Path]:
-    """`result` itself where its format has sets, and the deck with its stem."""
-    if result.suffix.lower() in _POST:
+Sets = Mapping[str, Sequence[Sequence[int]]]
+"""Nodes of sets by name, in pieces."""
+
+
+def _sets_of(source: Source) -> Iterator[tuple[Path, Sets]]:
+    """Those of the file itself where its format has sets, and those of the deck beside it."""
+    held, path = source.node_sets(), source.path
+    if held is not None:
         from decks.marc.grammar import is_marc_deck
 
-        yield result
-        if is_marc_deck(result.with_suffix(".dat")):
-            yield result.with_suffix(".dat")
+        yield path, held
+        if is_marc_deck(path.with_suffix(".dat")):
+            yield path.with_suffix(".dat"), _sets_in(path.with_suffix(".dat"))
         return
-    deck = result.with_suffix(".inp")
+    deck = path.with_suffix(".inp")
     if not deck.is_file():
-        raise UsageError(f"{result}: no deck {deck.name} beside it; name one: --deck")
-    yield deck
+        raise UsageError(f"{path}: no deck {deck.name} beside it; name one: --deck")
+    yield deck, _sets_in(deck)
 
 
-def _sets_of(file: Path) -> Mapping[str, Sequence[Sequence[int]]]:
-    """The node sets of a deck or post file by name, in pieces."""
-    if file.suffix.lower() in _POST:
-        from fembridge.results.marc_post import PostFile
-
-        with PostFile(file) as post:
-            sets = post.mesh.sets
-        return {one.name.strip(): [one.members.tolist()] for one in sets if one.kind == "node"}
-    if file.suffix.lower() != ".dat":
-        return read_node_sets(file)
+def _sets_in(deck: Path) -> Sets:
+    """The node sets of a deck or post file."""
+    if deck.suffix.lower() in (".t16", ".t19"):
+        with open_source(deck, ReadOptions()) as source:
+            return source.node_sets() or {}
+    if deck.suffix.lower() != ".dat":
+        return read_node_sets(deck)
     from decks.marc.contents import read_marc_deck
 
     try:
-        held = read_marc_deck(_bytes(file)).sets().values()
+        held = read_marc_deck(_bytes(deck)).sets().values()
     except DeckError as error:
-        raise ResultError(f"sets cannot be read: {error}", file) from error
+        raise ResultError(f"sets cannot be read: {error}", deck) from error
     nodal = [one for one in held if one.kind.startswith("node")]
     return {one.name.strip(): [one.member.tolist()] for one in nodal}
 
@@ -140,11 +132,7 @@ def _bytes(deck: Path) -> bytes:
     return read_bytes(deck, MAX_DECK_BYTES, failed)
 
 
-def near_nodes(
-    path: Path,
-    places_mm: Sequence[Sequence[float]],
-    options: ReadOptions = ReadOptions(),  # noqa: B008 - frozen
-) -> list[tuple[int, str]]:
+def near_nodes(source: Source, places_mm: Sequence[Sequence[float]]) -> list[tuple[int, str]]:
     """The node nearest to each place that has a stress, of equals the lowest; and its words.
 
     A place is x, y or x, y, z. Without z the mesh has to be in one plane of z. The words
@@ -154,9 +142,7 @@ def near_nodes(
     for place in places_mm:
         if len(place) not in (2, 3) or not all(map(math.isfinite, place)):
             raise UsageError(f"place {', '.join(map(str, place))}: expected x,y or x,y,z")
-    lenient = ReadOptions(partial=True, length_unit=options.length_unit, columns=options.columns)
-    with open_source(path, lenient) as source:
-        nodes, at_mm, held = map(np.concatenate, zip(*source.places(), strict=True))
+    path, (nodes, at_mm, held) = source.path, source.places()
     lowest, highest = float(at_mm[:, 2].min()), float(at_mm[:, 2].max())
     flat = highest - lowest <= 1e-9 * max(1.0, abs(lowest), abs(highest))
     if not flat and any(len(place) == 2 for place in places_mm):

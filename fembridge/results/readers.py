@@ -1,24 +1,31 @@
-"""The table of result formats: which reader takes a file.
+"""Which reader takes a result file, and what may be asked of any of them.
 
 Suffix and first bytes both decide; a reader's module is imported when a file asks for
 it. Another package adds a row, a `Reader`, under the entry point group
 ``fembridge.readers``; it is asked when none of ours takes the file.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from importlib import import_module
+from itertools import chain
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from decks.dialects import JOB
-from decks.unit_system import LENGTH_UNITS, MM, unit_system_in
-from fembridge.errors import ResultError
+import numpy as np
+
+from decks.unit_system import LENGTH_UNITS, UNIT_SYSTEMS
+from fembridge.errors import ResultError, UsageError
 from fembridge.results.byte_file import ByteFile, suffix_of
-from fembridge.run_folder import RUN_FILE, read_run_folder
+from fembridge.typing import FloatArray
+
+if TYPE_CHECKING:
+    from fembridge.results.source import Source
 
 ENTRY_POINTS = "fembridge.readers"
 
 _FIRST_BYTES = 64
-_HEADING_BYTES = 4096  # in which a heading is sought
 PRINTS = {".dat": "ccx-dat", ".sta": "ccx-sta", ".cvg": "ccx-cvg", ".sts": "marc-sts"}
 """What solvers print beside their results: names of the formats, by suffix."""
 _KNOWN_STARTS = (
@@ -32,6 +39,105 @@ _KNOWN_STARTS = (
     (b"\xff\xfe", "UTF-16 text: saved again by another program"),
     (b"*", "a solver deck, no results"),
 )
+PA_PER_UNIT = {one.stress_unit: one.stress_pa for one in UNIT_SYSTEMS.values()}
+METHODS = ("linear", "translate", "average")  # see `fembridge.results.extrapolation`
+VON_MISES = ("tensor", "scalar")
+
+
+class NotFiniteError(ResultError):
+    """A NaN or an infinite value, which a partial reading may leave out."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadOptions:
+    """How strictly to read, in which unit, and where remarks go.
+
+    `partial` takes what is whole of a run that did not end well, and says to `log`
+    what it dropped; without it such a file is refused. `across_materials` allows the
+    stress of a node on a layer boundary. `stress_unit` is the unit of the file:
+    CalculiX and Marc have none, the deck decides; N and mm give MPa. `length_unit` is that
+    of its coordinates and displacements, "mm", "m" or "in".
+
+    Of a file that holds integration points (Marc's): `extrapolate` is how their
+    values are carried to nodes, one of `METHODS`, None for the first.
+    `von_mises` "tensor" (None too) takes the von Mises stress of the nodal tensor,
+    "scalar" that of the points, carried to the node as a number.
+
+    `branches` says of nodes in relaxing skin how many branches their stress is the
+    sum of: a ``.frd`` holds the mean, over elements of that many materials.
+
+    `on_axis` are nodes on the axis of a half of a section. There is no shear in it:
+    what a ``.frd`` holds is the mean over one half, and the other has the other sign.
+
+    `classes` are those of the nodes at which the run's afferents sit.
+
+    `columns` are names in a table or series by what they are, see
+    `fembridge.results.columns`.
+    """
+
+    partial: bool = False
+    across_materials: bool = False
+    stress_unit: str = "MPa"
+    log: Callable[[str], None] | None = None
+    extrapolate: str | None = None
+    von_mises: str | None = None
+    branches: Mapping[int, int] = field(default_factory=dict)
+    on_axis: Collection[int] = ()
+    classes: Mapping[int, str] = field(default_factory=dict)
+    length_unit: str = "mm"
+    columns: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for what, value, known in (
+            ("stress unit", self.stress_unit, PA_PER_UNIT),
+            ("length unit", self.length_unit, LENGTH_UNITS),
+            ("extrapolation", self.extrapolate or METHODS[0], METHODS),
+            ("von Mises of", self.von_mises or VON_MISES[0], VON_MISES),
+        ):
+            if value not in known:
+                raise UsageError(f"{what} {value!r}, expected {', '.join(known)}")
+
+    @property
+    def method(self) -> str:
+        """How values are carried from integration points to nodes."""
+        return self.extrapolate or METHODS[0]
+
+    @property
+    def length_mm(self) -> float:
+        """The file's unit of length."""
+        return LENGTH_UNITS[self.length_unit].length_mm
+
+    def scale(self, unit: str) -> float:
+        """What a number of the file is times, to be in `unit`; 1 in one that has no dimension.
+
+        A force is a stress times a length squared, Pa m² is N; of lengths in mm it is taken
+        as N whatever the stress is in.
+        """
+        stress_pa, length_mm = PA_PER_UNIT[self.stress_unit], self.length_mm
+        force_n = 1.0 if length_mm == 1.0 else stress_pa * (length_mm / 1000.0) ** 2
+        scales = {
+            "Pa": stress_pa,
+            "mm": length_mm,
+            "mm/s": length_mm,
+            "mm/s2": length_mm,
+            "N": force_n,
+        }
+        return scales.get(unit, 1.0)
+
+    def note(self, words: str) -> None:
+        """Pass the remark `words` on to `log`."""
+        if self.log is not None:
+            self.log(words)
+
+
+def in_pa(stress: FloatArray, options: ReadOptions, path: Path) -> FloatArray:
+    """Stress of a file in Pa; a number too large to be one is a `ResultError`."""
+    with np.errstate(over="ignore"):
+        stress_pa: FloatArray = stress * PA_PER_UNIT[options.stress_unit]
+    if not np.isfinite(stress_pa).all():
+        worst = float(stress.flat[np.abs(stress).argmax()])
+        raise ResultError(f"a stress of {worst:g} {options.stress_unit}", path)
+    return stress_pa
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +145,9 @@ class Reader:
     """A format: its `suffix`, its `first_bytes`, and where it is read.
 
     `first_bytes` may be several, of which a file has one, or none: any text.
-    `target` is ``module:class`` of a `fembridge.results.source.Source`; `points` says that the
-    file holds integration points, so that the way to a node can be chosen, `named` that its
-    columns have to be named.
+    `target` is ``module:class`` of a `fembridge.results.source.Source`, which is called with
+    the open file and the options; `points` says that the file holds integration points, so that
+    the way to a node can be chosen, `named` that its columns have to be named.
     """
 
     name: str
@@ -84,55 +190,33 @@ READERS = (
 )
 
 
-def reader_of(path: Path) -> Reader:
-    """The reader for `path`, by suffix and first bytes."""
-    with ByteFile(path) as file:
-        start = file.peek(0, _FIRST_BYTES)
+def open_source(path: Path, options: ReadOptions) -> "Source":
+    """Open a result file, to be read with `options`."""
+    with ExitStack() as stack:
+        file = stack.enter_context(ByteFile(path))
+        reader = reader_of(file)
+        if not reader.points and (options.extrapolate or options.von_mises):
+            raise UsageError(
+                f"{path}: {reader.name} holds values at nodes; how they are extrapolated "
+                "there is asked of a Marc post file"
+            )
+        if options.columns and not reader.named:
+            raise UsageError(f"{path}: --columns is of a .csv, .npz, .vtu, .pvd or .xdmf")
+        module, _, name = reader.target.partition(":")
+        source: Source = getattr(import_module(module), name)(file, options)
+        stack.pop_all()
+    return source
+
+
+def reader_of(file: ByteFile) -> Reader:
+    """The reader for `file`, by suffix and first bytes."""
+    start, suffix = file.peek(0, _FIRST_BYTES), suffix_of(file.path)
     if not start:
-        raise ResultError("empty: 0 bytes", path)
-    suffix = suffix_of(path)
-    for reader in READERS:
+        raise ResultError("empty: 0 bytes", file.path)
+    for reader in chain(READERS, _plugged(file.path)):
         if suffix == reader.suffix and reader.takes(start):
             return reader
-    for reader in _plugged(path):
-        if suffix == reader.suffix and reader.takes(start):
-            return reader
-    raise ResultError(_foreign(path, start), path)
-
-
-def result_file(path: Path | str) -> Path:
-    """The result file that `path` is, or that the run folder `path` holds.
-
-    Of a folder: what the solver in its ``run.toml`` writes, the binary file first;
-    without a ``run.toml``, what is there.
-    """
-    path = Path(path)
-    if not path.is_dir():
-        return path
-    if (path / RUN_FILE).exists():
-        return read_run_folder(path).results
-    places = [path / f"{JOB}{reader.suffix}" for reader in READERS]
-    return next((place for place in places if place.exists()), places[0])
-
-
-def units_of(
-    path: Path,
-    stress_unit: str | None,
-    length_unit: str | None,
-    log: Callable[[str], None] | None = None,
-) -> tuple[str, str]:
-    """Units of stress and length: as asked, as the heading says, MPa and mm.
-
-    CalculiX copies the heading to the start of its results.
-    """
-    held, stated = LENGTH_UNITS.get(length_unit or "mm", MM), None
-    if length_unit is None and suffix_of(path) == ".frd" and path.is_file():
-        with ByteFile(path) as file:
-            stated = unit_system_in(file.peek(0, _HEADING_BYTES).decode("latin-1"))
-    held = stated or held
-    if stated is not None and log is not None:
-        log(f"the heading names the unit system {stated}")
-    return stress_unit or held.stress_unit, length_unit or held.length_unit
+    raise ResultError(_foreign(file.path, start), file.path)
 
 
 def _foreign(path: Path, start: bytes) -> str:

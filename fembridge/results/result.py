@@ -6,19 +6,22 @@ result file has no sample of the start itself.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, suppress
-from dataclasses import dataclass, replace
+from contextlib import AbstractContextManager, ExitStack, suppress
+from copy import copy
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fembridge.errors import FembridgeError, ResultError, TraceError, UsageError
+from decks.dialects import JOB
+from decks.unit_system import LENGTH_UNITS, MM, UnitSystem
+from fembridge.errors import FembridgeError, ResultError, UsageError
 from fembridge.results.fields import Field
-from fembridge.results.history import STRESS, VON_MISES, History
-from fembridge.results.read_options import ReadOptions
-from fembridge.results.readers import result_file, units_of
-from fembridge.results.source import open_source
+from fembridge.results.history import NO_KEYS, STRESS, VON_MISES, History
+from fembridge.results.readers import READERS, ReadOptions, open_source
+from fembridge.results.source import Source
 from fembridge.run_folder import RUN_FILE, SOLVER_FILE, RunFolder, read_run_folder
 from fembridge.store import read_toml, sha256_of
 from fembridge.trace import STEP_TOLERANCE, Traces
@@ -28,35 +31,58 @@ if TYPE_CHECKING:
     import pandas
 
 
-@dataclass(frozen=True, slots=True)
-class Result:
-    """A result file at `path`, read with `options`.
+class Result(AbstractContextManager["Result"]):
+    """A result file at `path`, read with `options`; a context manager that closes it.
 
-    `run` is the run that it is a result of: None without a ``run.toml`` beside it, or
-    with one that cannot be read, which is the `trouble` that only `traces` mind.
+    It is opened once, when its `source` is first asked. `run` is the run that it is a result
+    of: None without a ``run.toml`` beside it, or with one that cannot be read, which is the
+    `trouble` that only histories mind. The units `from_heading`, names of options, are those
+    that the file's heading names.
     """
 
-    path: Path
-    options: ReadOptions
-    run: RunFolder | None = None
-    trouble: ResultError | None = None
+    def __init__(
+        self,
+        path: Path,
+        options: ReadOptions,
+        run: RunFolder | None = None,
+        trouble: ResultError | None = None,
+        from_heading: Sequence[str] = (),
+    ) -> None:
+        self.path, self.options, self.run, self.trouble = path, options, run, trouble
+        self._from_heading = from_heading
 
-    def describe(self) -> Table:
-        """What the file holds."""
-        with open_source(self.path, self.options) as source:
-            return source.describe()
+    @cached_property
+    def source(self) -> Source:
+        """The open file."""
+        source = open_source(self.path, self.options)
+        stated = source.unit_system() if self._from_heading else None
+        if stated is not None:
+            self.options.note(f"the heading names the unit system {stated}")
+            units = {name: getattr(stated, name) for name in self._from_heading}
+            self.options = source.options = replace(self.options, **units)
+        return source
+
+    def __exit__(self, *error: object) -> None:
+        if "source" in self.__dict__:
+            self.source.__exit__(*error)
+
+    def reading(self, **changed: Any) -> "Result":  # noqa: ANN401 - fields of `ReadOptions`
+        """The same open file, read with other options."""
+        other, source = copy(self), copy(self.source)
+        other.options = source.options = replace(self.options, **changed)
+        other.source = source
+        return other
 
     def named_nodes(self) -> Sequence[int]:
         """Nodes that a file of curves names itself; none of other files."""
         if self.trouble is not None:
             raise self.trouble
-        with open_source(self.path, replace(self.options, log=None)) as source:
-            return source.named_nodes()
+        return self.reading(log=None).source.named_nodes()
 
     def traces(self, nodes: Sequence[int] | None = None, **choice: Any) -> Traces:  # noqa: ANN401
         """Stress traces at the chosen nodes, with the words of `history`."""
         found = self.history(nodes, quantity=VON_MISES, from_start=True, **choice)
-        return Traces(found.traces(self.path), None if self.run is None else self.run.origin())
+        return Traces(found.traces(), None if self.run is None else self.run.origin())
 
     def history(
         self,
@@ -78,25 +104,22 @@ class Result:
         """
         if self.trouble is not None:
             raise self.trouble
-        places = None if every else self._places(nodes, sets, near_mm, deck)
-        options = self._in_run()
-        with open_source(self.path, options) as source:
-            wanted = None if places is None else [node for _, node in places]
-            held = source.history(wanted, quantity, modes)
+        run, places = self.run, None if every else self._places(nodes, sets, near_mm, deck)
+        if run is not None:
+            self._refuse_another_deck(run)
+        wanted = None if places is None else [node for _, node in places]
+        held = self.source.history(wanted, quantity, modes)
         if places is not None:
             named = held.afferents or (None,) * len(places)
             classes = ((one, other) for (one, _), other in zip(places, named, strict=True))
             held = replace(held, afferents=tuple(one or other for one, other in classes))
-        if self.run is not None and from_start:
-            held = self._from_start(held, self.run, resample_ms is None)
-        elif self.run is not None and held.over_time:
-            held = replace(held, at=held.at - self.run.start_ms)
+        if run is not None and from_start:
+            held = self._from_start(held, run, resample_ms is None)
+        elif run is not None and held.over_time:
+            held = replace(held, at=held.at - run.start_ms)
         word = VON_MISES if held.quantity == STRESS else held.quantity
-        try:
-            word = word if quantity is None else quantity.lower()
-            return held.taken(word, resample_ms, options.log)
-        except TraceError as error:
-            raise ResultError(str(error), self.path) from error
+        word = word if quantity is None else quantity.lower()
+        return held.taken(word, resample_ms, self.options.log)
 
     def _from_start(self, held: History, run: RunFolder, even: bool) -> History:
         """The rows from the start of the stimulus on, which is time 0; on an `even` grid.
@@ -113,21 +136,26 @@ class Result:
             if not options.partial:
                 raise ResultError(f"{words}; --partial (partial=True) takes them so", path)
             options.note(words)
-        since = held.from_start(run.start_ms, slack_ms)
+        kept = held.at >= run.start_ms - slack_ms
+        at, values = held.at[kept], held.values[kept]  # noqa: PD008, PD011 - no frame
+        if run.start_ms == 0.0 and at.size and at[0] > slack_ms:
+            at = np.concatenate([[0.0], at])
+            values = np.concatenate([np.zeros_like(values[:1]), values])
+        since = replace(held, at=at, values=values, keys=NO_KEYS)
         if not even:
-            return replace(since, at=since.at - run.start_ms)
-        if since.at.size < 2 or abs(since.at.min() - run.start_ms) > slack_ms:
+            return replace(since, at=at - run.start_ms)
+        if at.size < 2 or abs(at.min() - run.start_ms) > slack_ms:
             raise ResultError(
                 f"the stimulus begins at {run.start_ms:g} ms of solver time, the file holds "
                 f"{held.form}",
                 path,
             )
         since = since.unrounded()
-        found_ms = since.dt_ms or since.traces(path)[0].dt_ms  # which says what is uneven
+        found_ms = since.dt_ms or since.traces()[0].dt_ms  # which says what is uneven
         # A file's times may be rounded: to six digits, or to single precision.
-        off = abs(found_ms / run.dt_ms - 1.0) * since.at.size
+        off = abs(found_ms / run.dt_ms - 1.0) * at.size
         step_ms = run.dt_ms if off <= STEP_TOLERANCE else found_ms
-        at_ms: FloatArray = np.arange(since.at.size, dtype=np.float64) * step_ms
+        at_ms: FloatArray = np.arange(at.size, dtype=np.float64) * step_ms
         return replace(since, at=at_ms, step_ms=step_ms)
 
     def largest_node(self) -> tuple[int, bool, History]:
@@ -136,10 +164,9 @@ class Result:
         Inside one material where there is such a node; whether it is not comes second.
         """
         for across in (False, True):
-            options = replace(self.options, across_materials=across)
+            asked = self.reading(across_materials=across)
             try:
-                with open_source(self.path, options) as source:
-                    last = source.history(None, last=True)
+                last = asked.source.history(None, last=True)
             except ResultError:
                 if across:
                     raise
@@ -147,7 +174,7 @@ class Result:
             last = last.derived(VON_MISES if last.quantity == STRESS else last.quantity)
             sizes = [abs(value) for _, value in last.peaks()]
             node = last.nodes[sizes.index(max(sizes))]
-            return node, across, replace(self, options=options).history([node])
+            return node, across, asked.history([node])
         raise AssertionError
 
     def _places(
@@ -158,37 +185,24 @@ class Result:
         deck: Path | None,
     ) -> list[tuple[str | None, int]]:
         """Class and node of each chosen node."""
-        path, run, options = self.path, self.run, self.options
-        places: list[tuple[str | None, int]]
-        if nodes is None and run is None and not (sets or len(near_mm)):
-            nodes = self.named_nodes() or None
         if nodes is not None or sets or len(near_mm):
-            if sets or len(near_mm):
-                from fembridge.results.nodes import choose_nodes
+            from fembridge.results.nodes import choose_nodes
 
-                nodes = choose_nodes(path, nodes or (), sets, near_mm, deck, options)
-            chosen = dict.fromkeys(int(node) for node in nodes or ())
-            places = [(None, node) for node in chosen]
-        elif run is not None:
-            places = [(place.afferent, place.node) for place in run.afferents]
-        else:
-            raise ResultError("no run.toml beside it: name the nodes to read", path)
-        if not places:
-            raise ResultError("no nodes to read", path)
-        return places
+            nodes = choose_nodes(self.source, nodes or (), sets, near_mm, deck)
+        elif self.run is not None:
+            return [(place.afferent, place.node) for place in self.run.afferents]
+        elif not (nodes := self.named_nodes()):
+            raise ResultError("no run.toml beside it: name the nodes to read", self.path)
+        if not nodes:
+            raise ResultError("no nodes to read", self.path)
+        return [(None, node) for node in nodes]
 
-    def _in_run(self) -> ReadOptions:
-        """The options, and what the run adds to them; results of another deck are refused."""
-        run, options = self.run, self.options
-        if run is None:
-            return options
-        given = (options.stress_unit, run.stress_unit), (options.length_unit, run.length_unit)
-        for asked, held in given:
-            if asked != held:
-                words = f"{self.path}: a run folder of fembridge is in {held}, always"
-                raise UsageError(words)
-        # `fembridge run` keeps the solved deck's SHA-256 in ``solver.toml``; results that
-        # someone's own ccx left have none, and are taken as they are.
+    def _refuse_another_deck(self, run: RunFolder) -> None:
+        """Refuse results of another deck than the one beside them.
+
+        `fembridge run` keeps the solved deck's SHA-256 in ``solver.toml``; results that
+        someone's own ccx left have none, and are taken as they are.
+        """
         solved = now = ""
         with suppress(FembridgeError, OSError, KeyError):  # also: no TOML
             solved = read_toml(run.folder / SOLVER_FILE, FembridgeError)["deck_sha256"]
@@ -199,8 +213,6 @@ class Result:
                 f"fembridge run {run.folder}",
                 self.path,
             )
-        classes = {one.node: one.afferent for one in run.afferents}
-        return replace(options, branches=run.branches, on_axis=run.on_axis, classes=classes)
 
 
 def open_result(
@@ -215,17 +227,21 @@ def open_result(
     columns: Mapping[str, str] | None = None,
     log: Callable[[str], None] | None = None,
 ) -> Result:
-    """The result file `path`, or that of the run folder `path`; options as for `read`."""
+    """The result file `path`, or that of the run folder `path`; options as for `read`.
+
+    A folder without a ``run.toml`` has the result of the first format that is there.
+    """
     run: RunFolder | None = None
     trouble = None
     if isinstance(path, RunFolder):
-        run = path
-        path = run.results
-    elif ((folder := Path(path)) / RUN_FILE).exists():
-        run = read_run_folder(folder)
+        run, path = path, path.results
+    elif ((path := Path(path)) / RUN_FILE).exists():
+        run = read_run_folder(path)
         path = run.results
     else:
-        path = result_file(path)
+        if path.is_dir():
+            places = [path / f"{JOB}{reader.suffix}" for reader in READERS]
+            path = next((place for place in places if place.exists()), places[0])
         try:
             if (path.parent / RUN_FILE).exists():
                 run = read_run_folder(path.parent)
@@ -235,38 +251,35 @@ def open_result(
         from fembridge.results.columns import check_units
 
         check_units(columns)
-    if run is not None:  # settled when its deck was built, heading and all
-        stress, length = stress_unit or run.stress_unit, length_unit or run.length_unit
-    else:
-        stress, length = units_of(path, stress_unit, length_unit, log)
+    units: UnitSystem | RunFolder = LENGTH_UNITS.get(length_unit or "", MM)
+    from_heading: tuple[str, ...] = ()
+    of_run: dict[str, Any] = {}
+    if run is not None:  # its units were settled when its deck was built, heading and all
+        for asked, held in ((stress_unit, run.stress_unit), (length_unit, run.length_unit)):
+            if asked not in (None, held):
+                raise UsageError(f"{path}: a run folder of fembridge is in {held}, always")
+        units, of_run = run, {"branches": run.branches, "on_axis": run.on_axis}
+        of_run["classes"] = {one.node: one.afferent for one in run.afferents}
+    elif length_unit is None:
+        from_heading = ("length_unit", *["stress_unit"] * (stress_unit is None))
     options = ReadOptions(
         partial=partial,
         across_materials=across_materials,
-        stress_unit=stress,
-        length_unit=length,
+        stress_unit=stress_unit or units.stress_unit,
+        length_unit=length_unit or units.length_unit,
         extrapolate=extrapolate,
         von_mises=von_mises,
         columns=dict(columns or {}),
         log=log,
+        **of_run,
     )
-    return Result(path, options, run, trouble)
-
-
-def opened(
-    caller: str, path: Path | str | RunFolder | Result, options: Mapping[str, Any]
-) -> Result:
-    """`open_result` for the function `caller`, which is named where an option is none."""
-    if isinstance(path, Result):
-        return path
-    try:
-        return open_result(path, **options)
-    except TypeError as error:
-        raise TypeError(str(error).replace("open_result", caller)) from error
+    return Result(path, options, run, trouble, from_heading)
 
 
 def describe(path: Path | str) -> Table:
     """What a result file holds."""
-    return open_result(path).describe()
+    with open_result(path) as result:
+        return result.source.describe()
 
 
 def read(
@@ -345,7 +358,7 @@ def read(
     >>> [trace.afferent for trace in fb.read("runs/sine_20_250")]
     ['SA', 'RA', 'PC']
     """
-    result = open_result(
+    with open_result(
         path,
         partial=partial,
         across_materials=across_materials,
@@ -355,14 +368,14 @@ def read(
         von_mises=von_mises,
         columns=columns,
         log=log,
-    )
-    return result.traces(
-        nodes,
-        sets=() if node_set is None else (node_set,),
-        near_mm=near_mm,
-        deck=None if deck is None else Path(deck),
-        resample_ms=resample_ms,
-    )
+    ) as result:
+        return result.traces(
+            nodes,
+            sets=() if node_set is None else (node_set,),
+            near_mm=near_mm,
+            deck=None if deck is None else Path(deck),
+            resample_ms=resample_ms,
+        )
 
 
 def read_history(
@@ -412,17 +425,18 @@ def read_history(
     """
     if isinstance(nodes, str) and nodes != "all":
         raise UsageError(f"nodes {nodes!r}, expected numbers or 'all'")
-    found = opened("read_history", path, options).history(
-        None if isinstance(nodes, str) else nodes,
-        quantity=quantity,
-        every=isinstance(nodes, str),
-        modes=modes,
-        resample_ms=resample_ms,
-        sets=() if node_set is None else (node_set,),
-        near_mm=near_mm,
-        deck=None if deck is None else Path(deck),
-    )
-    return found.to_frame()
+    with open_result(path, **options) as result:
+        found = result.history(
+            None if isinstance(nodes, str) else nodes,
+            quantity=quantity,
+            every=isinstance(nodes, str),
+            modes=modes,
+            resample_ms=resample_ms,
+            sets=() if node_set is None else (node_set,),
+            near_mm=near_mm,
+            deck=None if deck is None else Path(deck),
+        )
+        return found.to_frame()
 
 
 def read_fields(
@@ -460,9 +474,8 @@ def read_fields(
     (0.5, ('D1', 'D2', 'D3'), ('mm', 'mm', 'mm'))
     """
     with ExitStack() as stack:
-        found = opened("read_fields", path, options)
-        source = stack.enter_context(open_source(found.path, found.options))
-        return _closing(source.fields(quantity), stack.pop_all())
+        result = stack.enter_context(open_result(path, **options))
+        return _closing(result.source.fields(quantity), stack.pop_all())
 
 
 def _closing(fields: Iterator[Field], stack: ExitStack) -> Iterator[Field]:

@@ -8,13 +8,15 @@ histories, fields and pictures follow from that here.
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
-from importlib import import_module
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Generic, NoReturn, TypeVar
+from typing import Generic, NoReturn, TypeVar
 
 import numpy as np
 
+from decks.unit_system import UnitSystem
 from fembridge.errors import ResultError, UsageError
+from fembridge.results.byte_file import ByteFile
 from fembridge.results.fields import (
     Block,
     Field,
@@ -34,8 +36,7 @@ from fembridge.results.history import (
     name_in,
     one_axis,
 )
-from fembridge.results.read_options import NotFiniteError, ReadOptions
-from fembridge.results.readers import reader_of, result_file
+from fembridge.results.readers import NotFiniteError, ReadOptions, open_source, reader_of
 from fembridge.results.stress import DERIVED, OneSidedStress
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
@@ -46,25 +47,32 @@ _DEFAULTS = ReadOptions()
 
 
 class Source(AbstractContextManager["Source"]):
-    """A file that is read with `options`; a context manager that closes it.
+    """An open `file` that is read with `options`; a context manager that closes it.
 
-    `held` is what is open, with its `change`. What a format does not have is refused here.
+    What a format does not have is refused here.
     """
 
-    def __init__(self, path: Path, options: ReadOptions, held: Any = None) -> None:  # noqa: ANN401
-        self.path, self.options, self._held = path, options, held
+    def __init__(self, file: ByteFile, options: ReadOptions) -> None:
+        self.file, self.path, self.options = file, file.path, options
 
     def __exit__(self, *error: object) -> None:
-        if self._held is not None:
-            self._held.__exit__(*error)
+        self.file.__exit__(*error)
 
     def describe(self) -> Table:
         """What the file holds."""
-        return {"format": reader_of(self.path).name, "bytes": self.path.stat().st_size}
+        return {"format": reader_of(self.file).name, "bytes": self.file.size}
+
+    def unit_system(self) -> UnitSystem | None:
+        """The units that the file names; None where it names none."""
+        return None
 
     def named_nodes(self) -> Sequence[int]:
         """Nodes that a file of curves names itself."""
         return ()
+
+    def node_sets(self) -> Mapping[str, Sequence[Sequence[int]]] | None:
+        """Its sets of nodes by name, in pieces; None of a format without sets."""
+        return None
 
     def history(
         self,
@@ -81,9 +89,16 @@ class Source(AbstractContextManager["Source"]):
         is. `modes` takes those of frequency and buckling steps where there are times, too;
         `last` the last output alone.
         """
+        if modes or quantity not in (None, STRESS, *OF_STRESS):
+            raise UsageError(f"{self.path}: it gives stress over time at nodes, nothing else")
+        found = self.stress(nodes)
+        return replace(found, at=found.at[-1:], values=found.values[-1:]) if last else found
+
+    def stress(self, nodes: Sequence[int] | None) -> History:
+        """Stress over time at `nodes`, in that order, or all: of a file of nothing else."""
         raise NotImplementedError
 
-    def places(self) -> Iterator[tuple[IntArray, FloatArray, BoolArray]]:
+    def places(self) -> tuple[IntArray, FloatArray, BoolArray]:
         """Nodes, coordinates ``(n, 3)`` in mm, and which have stress."""
         raise UsageError(f"{self.path}: it has no mesh: choose nodes by number")
 
@@ -104,11 +119,6 @@ class Source(AbstractContextManager["Source"]):
     ) -> Iterator[Frame]:
         """Increments, or `modes`, one by one, never both; the file is looked through at once."""
         self._refuse_fields()
-
-    def refuse_but_stress(self, quantity: str | None, modes: bool) -> None:
-        """Refuse what a file of stress over time does not have."""
-        if modes or quantity not in (None, STRESS, *OF_STRESS):
-            raise UsageError(f"{self.path}: it gives stress over time at nodes, nothing else")
 
     def _refuse_fields(self) -> NoReturn:
         raise UsageError(f"{self.path}: it gives histories at nodes, no whole fields")
@@ -163,7 +173,7 @@ class FieldSource(Source, Generic[_Block]):
 
     def check_unchanged(self) -> None:
         """Refuse, or with `partial` note, a file that was written to while it was read."""
-        change = self._held.change
+        change = self.file.change
         if change is not None and not self.options.partial:
             raise ResultError(f"{change}; read it again when the run has ended", self.path)
         if change is not None:
@@ -228,6 +238,7 @@ class FieldSource(Source, Generic[_Block]):
             at=np.array([one.at for one in blocks]),
             values=values,
             keys=np.array([one.key for one in blocks], dtype=np.int64),
+            path=self.path,
             axis=axis,
             last_digit_ms=self.last_digit_ms,
         ).unrounded()
@@ -348,24 +359,8 @@ class FieldSource(Source, Generic[_Block]):
         }
 
 
-def open_source(path: Path | str, options: ReadOptions) -> Source:
-    """Open a result file, or that of a run folder."""
-    path = result_file(path)
-    reader = reader_of(path)
-    if not reader.points and (options.extrapolate or options.von_mises):
-        raise UsageError(
-            f"{path}: {reader.name} holds values at nodes; how they are extrapolated "
-            "there is asked of a Marc post file"
-        )
-    if options.columns and not reader.named:
-        raise UsageError(f"{path}: --columns is of a .csv, .npz, .vtu, .pvd or .xdmf")
-    module, _, name = reader.target.partition(":")
-    found: Source = getattr(import_module(module), name)(path, options)
-    return found
-
-
 def read_values(
-    path: Path | str,
+    path: Path,
     nodes: Sequence[int],
     options: ReadOptions = _DEFAULTS,
     *,
@@ -377,14 +372,6 @@ def read_values(
     if not found.over_time:
         raise ResultError(f"{found.form}, expected rows over time", source.path)
     return found.at, found.values
-
-
-def read_field(
-    path: Path | str, quantity: str, increment: str = LAST, options: ReadOptions = _DEFAULTS
-) -> Field:
-    """`quantity` at all nodes at one increment, see `FieldSource.field`."""
-    with open_source(path, options) as source:
-        return source.field(quantity, increment)
 
 
 def field_of(block: Block, nodes: IntArray, values: FloatArray, path: Path) -> Field:

@@ -25,9 +25,10 @@ from numpy.typing import NDArray
 
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.fields import TIMES_IN_MS, VERTEX, Scene
-from fembridge.results.result import Result, opened
-from fembridge.results.source import open_source
+from fembridge.results.result import open_result
+from fembridge.results.source import Source
 from fembridge.results.stress import DERIVED
+from fembridge.run_folder import RunFolder
 from fembridge.store import filling
 from fembridge.typing import FloatArray
 
@@ -52,7 +53,7 @@ _Array = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.uint8]
 
 
 def write_vtu_series(
-    path: Path | str | Result,
+    path: Path | str | RunFolder,
     folder: Path | str,
     *,
     quantities: Sequence[str] | None = None,
@@ -89,39 +90,45 @@ def write_vtu_series(
     OutputError
         A file cannot be written.
     """
+    with open_result(path, **options) as result:
+        return write_frames(result.source, Path(folder), quantities, derived, modes)[0]
+
+
+def write_frames(
+    source: Source,
+    folder: Path,
+    quantities: Sequence[str] | None,
+    derived: Sequence[str],
+    modes: bool = False,
+) -> tuple[Path, int]:
+    """The same of an open file; and how many increments were written."""
     unknown = [name for name in derived if name not in DERIVED]
     if unknown:
         raise UsageError(f"no quantity {unknown[0]!r}; there are {', '.join(DERIVED)}")
-    result, folder = opened("write_vtu_series", path, options), Path(folder)
-    path = result.path
-    with open_source(path, result.options) as source:
-        frames = source.frames(quantities, tuple(derived), modes)
-        series = f"{path.stem}.pvd"
-        entries: list[tuple[float, str]] = []
-        shapes: dict[int, _Shape] = {}
-        seen: set[str] = set()
-        with filling(folder, series) as draft:
-            for frame in frames:
-                name = f"{path.stem}.{len(entries) + 1:04d}.vtu"
-                if not frame.scene.cells:
-                    raise ResultError("no element of a kind that VTU has", path)
-                # A new mesh takes the place of the one before.
-                if id(frame.scene) not in shapes:
-                    shapes = {id(frame.scene): _Shape(frame.scene)}
-                shapes[id(frame.scene)].write(draft / name, frame.values)
-                entries.append((frame.time_ms, name))
-                seen |= frame.values.keys()
-            if not entries:
-                raise ResultError("no increment with a value is left", path)
-            (draft / series).write_text(
-                _pvd(entries, frame.over_time), encoding="utf-8", newline="\n"
-            )
-        for name in derived:
-            if f"{name}_pa" not in seen and (quantities is None or name != "von_mises"):
-                takes = " and ".join(DERIVED[name][0])
-                same = " at the same nodes" if " and " in takes else ""
-                result.options.note(f"no {name}: it takes {takes}{same}")
-    return folder / series
+    path = source.path
+    frames = source.frames(quantities, tuple(derived), modes)
+    series = f"{path.stem}.pvd"
+    entries: list[tuple[float, str]] = []
+    shape: _Shape | None = None
+    seen: set[str] = set()
+    with filling(folder, series) as draft:
+        for frame in frames:
+            name = f"{path.stem}.{len(entries) + 1:04d}.vtu"
+            if not frame.scene.cells:
+                raise ResultError("no element of a kind that VTU has", path)
+            shape = shape or _Shape(frame.scene)  # one mesh, all increments
+            shape.write(draft / name, frame.values)
+            entries.append((frame.time_ms, name))
+            seen |= frame.values.keys()
+        if not entries:
+            raise ResultError("no increment with a value is left", path)
+        (draft / series).write_text(_pvd(entries, frame.over_time), encoding="utf-8", newline="\n")
+    for name in derived:
+        if f"{name}_pa" not in seen and (quantities is None or name != "von_mises"):
+            takes = " and ".join(DERIVED[name][0])
+            same = " at the same nodes" if " and " in takes else ""
+            source.options.note(f"no {name}: it takes {takes}{same}")
+    return folder / series, len(entries)
 
 
 class _Shape:

@@ -1,12 +1,14 @@
 """A small writer of ``.frd`` files, so that tests know every number in them."""
 
 import struct
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
+sys.path.insert(0, str(Path(__file__).parent))  # where opened is
 FIXTURES = Path(__file__).parents[3] / "fixtures"
 COMPONENTS = {"DISP": ("D1", "D2", "D3"), "STRESS": ("SXX", "SYY", "SZZ", "SXY", "SYZ", "SZX")}
 

@@ -10,7 +10,7 @@ from fembridge import build_deck, read
 from fembridge.cli import main
 from fembridge.errors import ResultError
 from fembridge.results.printed import dat_sections, read_point_history, read_point_stress
-from fembridge.results.read_options import ReadOptions
+from fembridge.results.readers import ReadOptions
 
 TITLE = "1\n{:78}Abaqus 2021  Date 01-Jan-2026\n".format("")
 END = "\n          THE ANALYSIS HAS BEEN COMPLETED\n"

@@ -16,14 +16,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from fembridge import read_history, write_vtu_series
 from fembridge.errors import FembridgeError, ResultError
 from fembridge.results import describe, frd, read, read_fields
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.frd import FrdIndex
 from fembridge.results.nodes import read_node_sets
 from fembridge.results.printed import read_node_print
-from fembridge.results.read_options import ReadOptions
+from fembridge.results.readers import ReadOptions
 from fembridge.results.source import read_values
 from fembridge.results.status import read_cvg, read_sta
 from fembridge.results.stress import von_mises_pa
@@ -327,15 +326,6 @@ def test_empty_blocks_are_named_from_the_first_increment_on(block, write_frd):
         read_fields(write_frd(blocks), "stress")
     with pytest.raises(ResultError, match="no FORC in it"):
         read_fields(write_frd(blocks), "FORC")
-
-
-@pytest.mark.parametrize(
-    ("take", "more"),
-    [(read_fields, ()), (read_history, ()), (write_vtu_series, ("out",))],
-)
-def test_an_option_that_there_is_not_is_refused_by_the_name_that_was_called(samples, take, more):
-    with pytest.raises(TypeError, match=rf"^{take.__name__}\(\) got an unexpected .*'foo'"):
-        take(samples / "cpe4_ascii.frd", *more, foo=1)
 
 
 @pytest.mark.parametrize("name", DAMAGED)

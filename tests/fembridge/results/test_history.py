@@ -85,11 +85,11 @@ def test_a_coarser_step_says_how_much_power_folds(write_frd, block):
         ]
     )
     lines = []
-    result = open_result(path, log=lines.append)
-    result.history([1], resample_ms=5.0)
-    assert [line for line in lines if "99 % of its power is above 100 Hz: filter" in line]
-    lines.clear()
-    result.history([1], resample_ms=0.5)
+    with open_result(path, log=lines.append) as result:
+        result.history([1], resample_ms=5.0)
+        assert [line for line in lines if "99 % of its power is above 100 Hz: filter" in line]
+        lines.clear()
+        result.history([1], resample_ms=0.5)
     assert not [line for line in lines if "power" in line]
 
 

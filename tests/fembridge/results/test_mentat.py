@@ -14,12 +14,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from fembridge.errors import ResultError
 from fembridge.results import describe
-from fembridge.results.mentat import (
-    PlotSource,
-    read_plot_tables,
-    write_plot_table,
-)
-from fembridge.results.read_options import ReadOptions
+from fembridge.results.mentat import read_plot_tables
+from fembridge.results.readers import ReadOptions, open_source
 
 COPIED = (
     "Time \tEquivalent Von Mises Stress Node 12 \tEquivalent Von Mises Stress Node 7 \n"
@@ -45,13 +41,18 @@ PATH_PLOT = (
 
 def read(path, nodes=(), options=ReadOptions()):  # noqa: B008 - frozen
     """Traces at `nodes`, or of all curves."""
-    with PlotSource(path, options) as source:
-        return source.history(nodes or None).traces(path)
+    with open_source(path, options) as source:
+        return source.history(nodes or None).traces()
+
+
+def write_plot_table(path, output):
+    with open_source(path, ReadOptions()) as source:
+        return source.write_table(output)
 
 
 def read_plot(path):
     """The one table of a text."""
-    (table,) = read_plot_tables(path)
+    (table,), _ = read_plot_tables(path)
     return table
 
 
@@ -121,7 +122,7 @@ def test_curves_one_under_the_other_are_all_read(text, tmp_path):
     path = text(one + "\n" + two)
     assert describe(path)["over_time"]
     assert [(t.node, t.stress_pa[1]) for t in read(path, ())] == [(5, 5e5), (6, 2.5e5)]
-    assert [table.line for table in read_plot_tables(path)] == [2, 7]
+    assert [table.line for table in read_plot_tables(path)[0]] == [2, 7]
     assert write_plot_table(path, tmp_path / "t.csv") == 6
     lines = (tmp_path / "t.csv").read_text().splitlines()
     assert lines[0] == "table,Time,Equivalent Von Mises Stress"

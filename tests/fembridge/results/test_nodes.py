@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from opened import near_nodes
 
 from fembridge.errors import UsageError
-from fembridge.results.nodes import near_nodes
 
 
 def test_a_nearer_node_without_results_is_named(samples):

@@ -14,8 +14,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from fembridge.errors import ResultError, UsageError
-from fembridge.results import READERS, Reader, describe, read, read_history, reader_of
-from fembridge.results.read_options import ReadOptions
+from fembridge.results import READERS, Reader, describe, read, read_history
+from fembridge.results.byte_file import ByteFile
+from fembridge.results.readers import ReadOptions, reader_of
 from fembridge.results.source import read_values
 from fembridge.run_folder import AfferentNode, RunFolder, read_run_folder
 from fembridge.store import sha256_of
@@ -75,7 +76,8 @@ def test_another_package_adds_a_reader_under_the_entry_point(tmp_path, monkeypat
     plug(monkeypatch, "fembridge.results:THEIRS")
     path = tmp_path / "run.zzz"
     path.write_bytes(b"ZZZ\n")
-    assert reader_of(path) is theirs
+    with ByteFile(path) as file:
+        assert reader_of(file) is theirs
     with pytest.raises(ResultError):
         describe(path)
 
@@ -91,11 +93,12 @@ def test_a_broken_plugin_is_named_and_spares_our_own_formats(
     tmp_path, monkeypatch, samples, value, words
 ):
     plug(monkeypatch, value)
-    assert reader_of(samples / "cpe4_ascii.frd") is READERS[0]
+    with ByteFile(samples / "cpe4_ascii.frd") as file:
+        assert reader_of(file) is READERS[0]
     path = tmp_path / "run.zzz"
     path.write_bytes(b"ZZZ\n")
     with pytest.raises(ResultError, match=words):
-        reader_of(path)
+        describe(path)
 
 
 def test_reading_loads_nothing_heavier_than_numpy(samples):

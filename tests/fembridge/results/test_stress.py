@@ -13,8 +13,7 @@ from fembridge.errors import ResultError
 from fembridge.results import read_fields
 from fembridge.results.extrapolation import brick_weights
 from fembridge.results.fields import derived_of
-from fembridge.results.read_options import ReadOptions
-from fembridge.results.source import open_source
+from fembridge.results.readers import ReadOptions, open_source
 from fembridge.results.stress import (
     energy_stress_pa,
     max_shear_pa,

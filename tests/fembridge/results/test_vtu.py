@@ -12,8 +12,7 @@ from numpy.testing import assert_array_equal
 from fembridge import read_fields, write_vtu_series
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.fields import tensor_of
-from fembridge.results.read_options import ReadOptions
-from fembridge.results.source import open_source
+from fembridge.results.readers import ReadOptions, open_source
 from fembridge.results.stress import principal_stresses_pa, von_mises_pa
 
 RECORDED = Path(__file__).parents[3] / "fixtures/transient_sine/job.frd"

@@ -46,7 +46,7 @@ def test_a_listing_shows_header_codes_sets_and_times(capsys):
         "codes: 17, 311, 312, 313, 314, 315, 316",
         "element types: 6 of type 80",
         "Stress: SXX, SYY, SZZ, SXY, SYZ, SZX; 3 increments, 0 to 2 ms; at integration",
-        "set: name probes, kind node, members 2",
+        "node sets: probes 2",
     ):
         assert words in out
     assert main(["ingest", "job.t16", "--list", "--json"]) == 0

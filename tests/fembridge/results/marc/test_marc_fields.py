@@ -12,14 +12,14 @@ import stress_models as models
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+from opened import choose_nodes, near_nodes, read_field
 
 from fembridge import read, write_vtu_series
 from fembridge.errors import FembridgeError, ResultError, UsageError
 from fembridge.results import describe
 from fembridge.results.fields import column_names
-from fembridge.results.nodes import choose_nodes, near_nodes
-from fembridge.results.read_options import ReadOptions
-from fembridge.results.source import open_source, read_field, read_values
+from fembridge.results.readers import ReadOptions, open_source
+from fembridge.results.source import read_values
 
 TIMES_S = (0.0, 0.001, 0.002)
 SETS = (

@@ -3,6 +3,7 @@
 import dataclasses
 import os
 import struct
+from contextlib import ExitStack
 from dataclasses import replace
 
 import numpy as np
@@ -11,10 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+from opened import opened_post
 
 from fembridge.errors import ResultError
 from fembridge.results import marc_post
-from fembridge.results.marc_post import PostFile
 
 SET_TYPES = (0, 1, 7, 12, 13, 18, 19)
 REALS = st.floats(-1e30, 1e30).filter(lambda x: x == 0 or abs(x) > 1e-30)
@@ -110,7 +111,7 @@ def increments_of(draw, model, seed):
 def test_what_is_written_is_read_whatever_the_storage(data, write_post):
     storage = data.draw(storages())
     model, increments = data.draw(runs())
-    with PostFile(write_post(storage, model, increments)) as post:
+    with opened_post(write_post(storage, model, increments)) as post:
         assert post.kind == storage.name[-3:]
         assert post.revision == model.revision
         assert post.title == "job1"
@@ -184,7 +185,7 @@ def test_the_layer_of_a_code_is_its_own_number_or_its_thousands(
     binary, revision, code, found, write_post
 ):
     model = writer.Model(codes=((*code, "Stress"),), revision=revision)
-    with PostFile(write_post(writer.Storage(binary), model)) as post:
+    with opened_post(write_post(writer.Storage(binary), model)) as post:
         (held,) = post.codes
         assert (held.code, held.layer, held.label) == (*found, "Stress")
 
@@ -249,7 +250,7 @@ def check(post, increments):
 @pytest.mark.parametrize("every", [1, 2, 7])
 def test_many_small_increments(binary, every, many, write_post):
     model, increments = many(150, every=every)
-    with PostFile(write_post(writer.Storage(binary), model, increments)) as post:
+    with opened_post(write_post(writer.Storage(binary), model, increments)) as post:
         check(post, increments)
 
 
@@ -262,7 +263,7 @@ def test_one_of_another_kind_among_them_is_read_as_it_is(binary, elements, nodes
     other = (replace(moved, name="Velocity", code=28), moved)
     increments[4] = replace(increments[4], nodal=other, title="another", sub=3)
     increments[6] = replace(increments[6], variables=(("Completely", (6.0,)),))
-    with PostFile(write_post(writer.Storage(binary), model, increments)) as post:
+    with opened_post(write_post(writer.Storage(binary), model, increments)) as post:
         check(post, increments)
         names = [[held.name for held in made.nodal] for made in post.increments]
         assert names.pop(4) == ["Velocity", "Displacement"]
@@ -277,7 +278,7 @@ def test_the_walk_ends_where_a_new_mesh_comes(binary, many, write_post):
     finer, more = many(12, elements=5, nodes=7)
     more[3] = replace(more[3], new_model=finer)
     made = increments[:3] + more[3:]
-    with PostFile(write_post(writer.Storage(binary), model, made)) as post:
+    with opened_post(write_post(writer.Storage(binary), model, made)) as post:
         assert "of increment 3" in post.problem
         assert [one.increment for one in post.increments] == [0, 1, 2]
 
@@ -292,7 +293,7 @@ def test_a_damaged_one_among_them_ends_the_walk_there(binary, many, write_post):
     for _ in range(151):
         at = content.index(mark, at + 1)
     path.write_bytes(content[: at + digit] + b"x" + content[at + digit + 1 :])
-    with PostFile(path) as post:
+    with opened_post(path) as post:
         assert "of increment 150" in post.problem
         assert len(post.increments) == 150
         assert post.increments[149].time_s == 149 / 4
@@ -373,7 +374,7 @@ def check_two_nodes(post):
 
 
 def test_exponents_without_a_letter_and_numbers_that_touch(write_text):
-    with PostFile(write_text(TWO_NODES)) as post:
+    with opened_post(write_text(TWO_NODES)) as post:
         check_two_nodes(post)
 
 
@@ -388,7 +389,7 @@ def test_exponents_without_a_letter_and_numbers_that_touch(write_text):
 )
 def test_line_ends_and_blanks_at_them_change_nothing(change, write_text):
     text = "".join(change(line) + "\n" for line in TWO_NODES.splitlines())
-    with PostFile(write_text(text)) as post:
+    with opened_post(write_text(text)) as post:
         check_two_nodes(post)
 
 
@@ -416,7 +417,7 @@ def test_every_byte_of_a_run_is_read_and_agrees_with_its_status_file(
 ):
     listed = status_rows(marc_samples / f"{name}.sts")
     assert len(listed) == increments
-    with PostFile(marc_samples / f"{name}.t16") as post:
+    with opened_post(marc_samples / f"{name}.t16") as post:
         assert (post.problem, post.remarks) == (None, [])
         assert (post.kind, post.revision, post.byte_order) == ("t16", 14, "little")
         assert (post.precision, post.points, len(post.codes)) == ("single", 1, codes)
@@ -480,12 +481,13 @@ def test_a_cut_at_any_byte_leaves_the_whole_increments_before_it(how, write_post
         path.unlink()  # else the disk is waited for
         path.write_bytes(whole[:size])
         try:
-            post = PostFile(path)
+            stack = ExitStack()
+            post = stack.enter_context(opened_post(path))
         except ResultError as error:
             assert str(path) in str(error)
             assert not offered  # once there is a model there is one
             continue
-        with post:
+        with stack:
             offered.add(len(post.increments))
             if post.problem is None:  # but for the end of the last line
                 assert not how["binary"]
@@ -531,7 +533,7 @@ def test_a_count_that_lies_takes_no_memory(how, count, write_post, small_run):
         path.unlink()
         path.write_bytes(changed)
         try:
-            with PostFile(path) as post:
+            with opened_post(path) as post:
                 read_all(post)
         except ResultError as error:
             assert str(path) in str(error)
@@ -549,7 +551,7 @@ def test_element_values_of_another_count_are_left_out_and_remarked(
         elements=tuple((n, 11, (1, 2, 3, 4), (1,) * 5) for n in range(elements)), points=points
     )
     made = [writer.Increment(number=n, element=stored, nodal=(moved,)) for n in range(3)]
-    with PostFile(write_post(writer.Storage(binary), model, made)) as post:
+    with opened_post(write_post(writer.Storage(binary), model, made)) as post:
         assert post.remarks == []
         remark = post.problem
         assert "block 52300 of increment 0" in remark
@@ -568,7 +570,7 @@ def test_a_record_that_moved_inside_a_table_is_no_number(write_post):
     whole = path.read_bytes()
     at = whole.index(struct.pack("<f", 1009.0))  # the second point of element row 2
     path.write_bytes(whole[: at - 4] + struct.pack("<i", 5) + whole[at:])
-    with PostFile(path) as post:
+    with opened_post(path) as post:
         assert post.problem is None
         assert_array_equal(post.element_values(0, np.array([1, 3])), element[[1, 3]])
         with pytest.raises(ResultError, match=r"where .* is expected"):
@@ -590,5 +592,5 @@ def test_a_record_that_moved_inside_a_table_is_no_number(write_post):
 def test_a_foreign_file_is_named_by_what_it_begins_with(content, words, tmp_path):
     path = tmp_path / "job.t16"
     path.write_bytes(content)
-    with pytest.raises(ResultError, match=words):
-        PostFile(path)
+    with pytest.raises(ResultError, match=words), opened_post(path):
+        pass

@@ -11,11 +11,12 @@ import stress_models as models
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from opened import read_field
 
 from fembridge import read, read_history
 from fembridge.errors import ResultError, UsageError
-from fembridge.results.read_options import ReadOptions
-from fembridge.results.source import open_source, read_field, read_values
+from fembridge.results.readers import ReadOptions, open_source
+from fembridge.results.source import read_values
 from fembridge.run_folder import AfferentNode, RunFolder
 
 
@@ -345,8 +346,6 @@ def test_a_collapsed_quadrilateral_counts_once_with_both_its_corners(write_post)
     found = read_values(path, [2], options)[1][0, 0] / 1e6
     second = (values[1, 0, 1:] + values[1, 1, 1:]) / 2
     assert_allclose(found, (values[0, 1, 1:] + second) / 2, rtol=1e-12)
-    from fembridge.results.source import read_field
-
     field = read_field(path, "Stress", options=options)
     assert_allclose(field.at([2])[0] / 1e6, found, rtol=1e-12)
 
@@ -475,8 +474,6 @@ def test_points_that_no_element_has_may_hold_anything(write_post):
     tensor_pa = read_values(path, [2], ReadOptions(log=said.append))[1]
     assert_allclose(tensor_pa[0, 0, 0], 1e6, rtol=1e-6)
     assert any("the file stores 9 for each element: the first 4" in w for w in said)
-    from fembridge.results.source import read_field
-
     assert_allclose(read_field(path, "Stress").values[:, 0], 1e6, rtol=1e-6)
 
 
