@@ -16,6 +16,8 @@ from hypothesis import settings
 
 from fembridge.errors import MissingError
 from fembridge.machine import find_ccx
+from fembridge.run_folder import RunFolder
+from fembridge.store import sha256_of
 
 CI = os.environ.get("CI") == "true"
 if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):  # else every process would compile us anew
@@ -24,6 +26,47 @@ PATIENCE_S = 300.0
 settings.register_profile("fembridge", deadline=None, max_examples=100 if CI else 25)
 settings.register_profile("costly", deadline=None, max_examples=120 if CI else 10)
 settings.load_profile("fembridge")
+
+PATCH = """*HEADING
+One square millimetre of skin, stretched
+*NODE, NSET=ALL
+1, 0., 0.
+2, 1., 0.
+3, 1., 1.
+4, 0., 1.
+*ELEMENT, TYPE=CPE4, ELSET=SKIN
+1, {nodes}
+*MATERIAL, NAME=DERMIS
+*ELASTIC
+0.05, 0.3
+*SOLID SECTION, ELSET=SKIN, MATERIAL=DERMIS
+1.
+{model}
+*BOUNDARY
+1, 1, 2
+2, 2, 2
+*STEP, NLGEOM, INC={most}
+*STATIC, DIRECT{solver}
+0.0005, {end_s}
+{load}
+*NODE OUTPUT, NSET={set}
+U
+*ELEMENT OUTPUT, NSET=ALL, DOUBLE
+S
+{request}
+*END STEP
+"""
+STRETCH = "*BOUNDARY\n3, 2, 2, 0.01\n4, 2, 2, 0.01"
+PATCH_PARTS = {
+    "nodes": "1, 2, 3, 4",
+    "model": "** no more",
+    "most": 1000000,
+    "solver": "",
+    "end_s": 0.002,
+    "load": "*BOUNDARY\n3, 2, 2, 0.01\n4, 2, 2, 0.01",
+    "set": "ALL",
+    "request": "** no more",
+}
 
 
 def pytest_addoption(parser):
@@ -127,3 +170,60 @@ def is_alive():
         return stat.rpartition(")")[2].split()[0] not in "ZX"
 
     return alive
+
+
+@pytest.fixture
+def fake_ccx(tmp_path, monkeypatch, python_program):
+    text = Path(__file__).with_name("fake_ccx.py").read_text(encoding="utf-8")
+    program = python_program(tmp_path / "bin" / "ccx", text)
+    monkeypatch.setenv("FEMBRIDGE_CCX", str(program))
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    return program
+
+
+@pytest.fixture
+def make_run(tmp_path):
+    def make(play="normal", name="run", deck=None, increments=4, solver="calculix"):
+        folder = tmp_path / name
+        folder.mkdir(exist_ok=True)
+        path = folder / "job.inp"
+        path.write_text(deck or f"** play {play}\n*HEADING\nNOPE, 1, 1\n*EL OUTPUT\n")
+        run = RunFolder(folder, solver, increments, 0.5, 0.0, (), sha256_of(path))
+        run.write()
+        return folder
+
+    return make
+
+
+@pytest.fixture
+def is_at_work():
+    """Whether any process has `folder` as its working folder: the solver has."""
+
+    def at_work(folder):
+        for process in Path("/proc").glob("[0-9]*/cwd"):
+            try:
+                if process.readlink() == folder:
+                    return True
+            except (FileNotFoundError, PermissionError, ProcessLookupError):
+                continue
+        return False
+
+    return at_work
+
+
+@pytest.fixture
+def pid_of(wait_until):
+    """The number of the solver that is at work in a run folder."""
+
+    def pid(folder):
+        path = folder / "solving" / "job.pid"
+        wait_until(lambda: path.exists() and path.read_text())
+        return int(path.read_text())
+
+    return pid
+
+
+@pytest.fixture
+def patch():
+    """The deck of one stretched element, for CalculiX; what is named replaces a part of it."""
+    return lambda **parts: PATCH.format(**PATCH_PARTS | parts)

@@ -4,7 +4,6 @@ The words that a user is to see stand in ``docs/faults.md`` alone; `as_in_table`
 holds what the program says against the row that names the test.
 """
 
-import importlib.util
 import os
 import re
 import shutil
@@ -33,18 +32,6 @@ if cut:
     os.truncate(job + cut, os.path.getsize(job + cut) // 2)
 print(" Job finished", flush=True)
 """
-
-
-def _of_the_solver_tests():
-    path = Path(__file__).parents[1] / "fembridge" / "solver" / "conftest.py"
-    spec = importlib.util.spec_from_file_location("_solver_fixtures", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-_solver = _of_the_solver_tests()
-fake_ccx, make_run, pid_of = _solver.fake_ccx, _solver.make_run, _solver.pid_of
 
 
 @dataclass(frozen=True)

@@ -48,12 +48,12 @@ def test_results_of_the_same_deck_are_not_made_again(fake_ccx, make_run):
     assert run_folders([folder], force=True)[0].skipped is False
 
 
-@pytest.mark.parametrize("damage", ["job.frd", "solver.toml"])
-def test_results_are_made_again_when_something_changed_them(fake_ccx, make_run, damage):
+def test_results_are_made_again_when_something_changed_them(fake_ccx, make_run):
+    """Of results, one byte: in the table of faults."""
     folder = make_run("normal")
     run_folders([folder])
-    content = (folder / damage).read_bytes()
-    (folder / damage).write_bytes(content[: len(content) // 2])
+    record = folder / "solver.toml"
+    record.write_text(record.read_text()[:40])
 
     assert run_folders([folder])[0].skipped is False
     assert (folder / "job.frd").read_text().endswith(" 9999\n")
