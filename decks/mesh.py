@@ -70,9 +70,8 @@ class Mesh:
     def outline(self) -> tuple[IntArray, IntArray, IntArray]:
         """The edges that one element alone has, as `edges` does."""
         nodes, element, face = self.edges()
-        _, first, count = np.unique(
-            np.sort(nodes, axis=1), axis=0, return_index=True, return_counts=True
-        )
+        key = nodes.min(axis=1) * len(self.node_mm) + nodes.max(axis=1)
+        _, first, count = np.unique(key, return_index=True, return_counts=True)
         rows = np.sort(first[count == 1])
         return nodes[rows], element[rows], face[rows]
 
