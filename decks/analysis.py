@@ -16,9 +16,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from decks.checks import NOT_NEGATIVE, POSITIVE, Ranged
-from decks.finger import LAYERS, Finger
-from decks.material import Material
+from decks.finger import LAYERS, NOT_NEGATIVE, POSITIVE, Finger, Material, Ranged
 from decks.mesh import Mesh
 from decks.motion import Motion, motion_of
 from decks.probe import Probe, ProbeMesh, mesh_probe

@@ -14,8 +14,8 @@ import numpy as np
 
 from decks.analysis import Analysis, ElementSet
 from decks.dialects import DIALECTS, DeckOptions
+from decks.finger import Material
 from decks.keyword_deck import keyword_deck
-from decks.material import Material
 from decks.motion import Motion, Phase
 from fembridge.errors import DeckError, UsageError
 

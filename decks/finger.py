@@ -1,18 +1,23 @@
 """A finger in cross-section: sizes, layers, materials, and where its afferents sit.
 
+Each value is checked when it is made: its numbers against their ranges, the parts of a
+finger against each other.
+
 The section is symmetric about ``x = 0``. The skin's outermost point on the pad,
 the top of the middle ridge, is the origin; ``y`` points out of the pad, so that
 depth is ``-y`` there. Everything is in mm and MPa, the units of the decks.
+
+Table 1 of the paper is elastic. Two entries beside it make stress depend on time:
+Prony terms, by which a layer relaxes, and the density, which counts where inertia
+is asked for. Neither is in the paper; both are a user's choice.
 """
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from decks.checks import FINITE, NOT_NEGATIVE, POSITIVE, Ranged
-from decks.material import TABLE_1, Material
-from fembridge.errors import FingerError
+from fembridge.errors import FembridgeError, FingerError
 from fembridge.trace import AFFERENT_NAME
 
 # Thinner layers make elements that no solver gets a stress out of.
@@ -22,6 +27,42 @@ THINNEST_MM = 0.02
 _BONE_GAP_MM = 0.3
 
 LAYERS = ("stratum_corneum", "epidermis", "dermis", "subcutaneous_tissue", "bone", "nail")
+
+NOT_NEGATIVE = (0.0, math.inf)
+POSITIVE = (math.ulp(0.0), math.inf)
+FINITE = (-math.inf, math.inf)
+_WORDS = {NOT_NEGATIVE: ">= 0", POSITIVE: "> 0"}
+_MOST_TERMS = 5  # Prony terms of a material
+_LONGEST_S = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Ranged:
+    """A value whose fields lie in `RANGES`: finite numbers, ends included, or known words.
+
+    Raises
+    ------
+    FingerError
+        Or what `ERROR` says: names the field, its range and its value.
+    """
+
+    RANGES: ClassVar[Mapping[str, tuple[Any, ...]]] = {}
+    ERROR: ClassVar[type[FembridgeError]] = FingerError
+
+    def __post_init__(self) -> None:
+        for name, allowed in self.RANGES.items():
+            number = getattr(self, name)
+            if isinstance(allowed[0], str):
+                if number not in allowed:
+                    expected = f"expected one of {', '.join(allowed)}"
+                    raise self.ERROR(f"{name} {number!r}, {expected}")
+                continue
+            least, most = allowed
+            if not math.isfinite(number):
+                raise self.ERROR(f"{name} must be finite, got {number}")
+            if not least <= number <= most:
+                words = _WORDS.get((least, most), f"{least:g} to {most:g}")
+                raise self.ERROR(f"{name} must be {words}, got {number:g}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +168,77 @@ class Nail(Ranged):
     start_deg: float = 125.0
 
     RANGES: ClassVar = {"thickness_mm": (THINNEST_MM, 50.0), "start_deg": (95.0, 170.0)}
+
+
+@dataclass(frozen=True, slots=True)
+class PronyTerm(Ranged):
+    """A share `g` of the shear modulus that is lost with time constant `tau_s`.
+
+    ``G(t) = G0 (1 - sum g (1 - exp(-t/tau)))``, as Abaqus has it; the bulk modulus
+    does not relax.
+    """
+
+    g: float
+    tau_s: float
+
+    RANGES: ClassVar = {"g": POSITIVE, "tau_s": (1e-4, _LONGEST_S)}
+
+
+@dataclass(frozen=True, slots=True)
+class Material(Ranged):
+    """Linear elastic, isotropic; with `prony` terms the moduli are those at once.
+
+    `density_kg_m3` counts where inertia is asked for; 1109 is that of skin (IT'IS
+    Foundation, tissue properties database 4.1).
+    """
+
+    young_mpa: float
+    poisson: float
+    prony: tuple[PronyTerm, ...] = ()
+    density_kg_m3: float = 1109.0
+
+    RANGES: ClassVar = {
+        "young_mpa": (1e-6, 1e9),
+        "poisson": NOT_NEGATIVE,
+        "density_kg_m3": (1.0, 1e5),
+    }
+
+    def __post_init__(self) -> None:
+        Ranged.__post_init__(self)
+        if not self.poisson < 0.5:
+            raise FingerError(f"poisson must be in [0, 0.5), got {self.poisson}")
+        object.__setattr__(self, "prony", tuple(self.prony))
+        if len(self.prony) > _MOST_TERMS:
+            raise FingerError(f"{len(self.prony)} Prony terms, expected at most {_MOST_TERMS}")
+        if self.prony and not self.lasting_share > 0:
+            raise FingerError("Prony terms take all of the shear modulus, expected less")
+
+    @property
+    def lasting_share(self) -> float:
+        """Share of the shear modulus that never relaxes."""
+        return 1.0 - sum(term.g for term in self.prony)
+
+    @property
+    def shear_mpa(self) -> float:
+        """Shear modulus, at once."""
+        return self.young_mpa / (2 * (1 + self.poisson))
+
+    @property
+    def bulk_mpa(self) -> float:
+        """Bulk modulus."""
+        return self.young_mpa / (3 * (1 - 2 * self.poisson))
+
+
+# Ishizuka et al., Table 1. Densities: IT'IS Foundation 4.1 (skin; subcutaneous fat;
+# cortical bone); of the nail that of keratin, rounded.
+TABLE_1: dict[str, Material] = {
+    "stratum_corneum": Material(2.0, 0.30),
+    "epidermis": Material(2.0, 0.30),
+    "dermis": Material(0.050, 0.48),
+    "subcutaneous_tissue": Material(0.024, 0.40, density_kg_m3=911.0),
+    "bone": Material(1.7e4, 0.30, density_kg_m3=1908.0),
+    "nail": Material(1.7e2, 0.30, density_kg_m3=1300.0),
+}
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,11 +22,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from decks.checks import Ranged
 from decks.dialects import template
-from decks.finger import LAYERS, Finger, Papillae, Ridges
+from decks.finger import LAYERS, Finger, Material, Papillae, Ranged, Ridges
 from decks.keyword_deck import LINES, element_lines
-from decks.material import Material
 from decks.mesh import scaled_jacobian
 from decks.section import Section, section_of
 from fembridge.errors import FingerError

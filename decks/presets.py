@@ -22,8 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from decks.analysis import Model
-from decks.finger import LAYERS, SITES, Finger, Resolution
-from decks.material import TABLE_1
+from decks.finger import LAYERS, SITES, TABLE_1, Finger, Resolution
 from decks.mesh import Mesh, read_mesh, write_mesh
 from fembridge.errors import FingerError, UsageError
 from fembridge.store import changed, near_hint, read_toml

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from decks.checks import FINITE, NOT_NEGATIVE, Ranged
+from decks.finger import FINITE, NOT_NEGATIVE, Ranged
 from decks.mesh import Mesh
 from fembridge.errors import FingerError
 from fembridge.typing import FloatArray, IntArray

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from decks.finger import LAYERS, Finger
-from decks.material import Material
+from decks.finger import LAYERS, Finger, Material
 from decks.mesh import Mesh
 from decks.probe import Probe, mesh_probe
 from fembridge.plots.style import (

@@ -28,8 +28,7 @@ import numpy as np
 from decks.analysis import Analysis, Contact
 from decks.calculix import calculix_deck
 from decks.dialects import JOB
-from decks.finger import AfferentSite, Bone, Finger, Outline
-from decks.material import Material
+from decks.finger import AfferentSite, Bone, Finger, Material, Outline
 from decks.mesh import Mesh
 from decks.motion import motion_of
 from decks.presets import QUICK

@@ -19,8 +19,7 @@ import numpy as np
 
 from decks.analysis import Model
 from decks.dialects import JOB
-from decks.finger import AfferentSite
-from decks.material import TABLE_1, Material
+from decks.finger import TABLE_1, AfferentSite, Material
 from decks.presets import QUICK, model_of
 from fembridge.report.mesh_convergence import LIMIT_KPA, member
 from fembridge.report.plane import PRINTED, PlaneProblem

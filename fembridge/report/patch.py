@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from decks.dialects import JOB
-from decks.material import TABLE_1
+from decks.finger import TABLE_1
 from decks.mesh import Mesh
 from fembridge.report.plane import NEO_HOOKEAN, PRINTED, PlaneProblem, uniform_stress_mpa
 from fembridge.report.runs import Runs

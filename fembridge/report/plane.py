@@ -9,8 +9,8 @@ import numpy as np
 
 from decks.analysis import ElementSet
 from decks.dialects import template
+from decks.finger import Material
 from decks.keyword_deck import LINES
-from decks.material import Material
 from fembridge.typing import FloatArray, IntArray
 
 NEO_HOOKEAN = "neo-hookean"

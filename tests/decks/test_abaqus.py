@@ -6,7 +6,7 @@ import pytest
 
 from decks.abaqus import abaqus_deck
 from decks.analysis import Model
-from decks.material import PronyTerm
+from decks.finger import PronyTerm
 from decks.presets import QUICK, mesh_of
 
 ELEMENTS = ("CPE4H", "CPE8R")

@@ -9,9 +9,11 @@ from hypothesis import strategies as st
 
 from decks.finger import (
     SITES,
+    TABLE_1,
     AfferentSite,
     Bone,
     Finger,
+    Material,
     Nail,
     Outline,
     Papillae,
@@ -19,7 +21,6 @@ from decks.finger import (
     Ridges,
     Skin,
 )
-from decks.material import TABLE_1, Material
 from fembridge.errors import FingerError
 
 PARTS = (Outline, Skin, Ridges, Papillae, Bone, Nail, Resolution)

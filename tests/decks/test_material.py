@@ -2,7 +2,7 @@
 
 import pytest
 
-from decks.material import TABLE_1, Material, PronyTerm
+from decks.finger import TABLE_1, Material, PronyTerm
 from decks.presets import finger_from
 from fembridge.errors import FingerError
 

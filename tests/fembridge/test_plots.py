@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.finger import AfferentSite
-from decks.material import Material
+from decks.finger import AfferentSite, Material
 from decks.presets import PAPER, QUICK, mesh_of
 from decks.probe import Probe
 from fembridge.plots.mesh import (

@@ -11,7 +11,7 @@ from numpy.testing import assert_array_equal
 
 from decks.analysis import Contact
 from decks.dialects import JOB
-from decks.material import PronyTerm
+from decks.finger import PronyTerm
 from decks.presets import PRESETS, model_of
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus

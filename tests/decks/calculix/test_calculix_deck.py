@@ -10,9 +10,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.calculix import calculix_deck
 from decks.dialects import DIALECTS, DeckOptions
-from decks.finger import LAYERS
+from decks.finger import LAYERS, TABLE_1
 from decks.keyword_deck import LONGEST_NUMBER, fixed, real
-from decks.material import TABLE_1
 from decks.mesh import Mesh
 from decks.presets import QUICK
 from decks.stimuli import resolve

@@ -16,8 +16,8 @@ from numpy.testing import assert_allclose
 from decks.analysis import ElementSet, Model
 from decks.calculix import branches, calculix_deck, lasting
 from decks.dialects import template
+from decks.finger import Material, PronyTerm
 from decks.keyword_deck import LINES, real
-from decks.material import Material, PronyTerm
 from decks.presets import QUICK, mesh_of
 from fembridge.errors import DeckError
 from fembridge.machine import find_ccx

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from decks.material import Material
+from decks.finger import Material
 from fembridge.report.hertz import E_STAR_MPA, MATERIAL, RADIUS_MM, Hertz, pressed
 from fembridge.report.incompressibility import (
     INNER_MM,

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
 from pandas import DataFrame
 
-from decks.material import Material
+from decks.finger import Material
 from fembridge.cli import outputs_of
 from fembridge.commands import verify as command
 from fembridge.errors import MissingError, UsageError

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from decks.material import PronyTerm
+from decks.finger import PronyTerm
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.errors import ResponseError, SolverError

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.interpolate import PchipInterpolator
 
-from decks.material import TABLE_1
+from decks.finger import TABLE_1
 from decks.presets import QUICK, finger_from
 from decks.probe import Probe
 from decks.stimuli import resolve

@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 import pytest
 
 from decks.analysis import Contact
-from decks.material import PronyTerm
+from decks.finger import PronyTerm
 from decks.presets import PRESETS, finger_from
 from decks.probe import Probe
 from decks.stimuli import resolve
