@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError, TraceError
 from fembridge.typing import FloatArray, IntArray
-from neural.filters import LAG_MS, checked_stress
+from neural.filters import checked_stress
 from neural.lif import Membrane, State, fire
 from neural.models import model_of
 from neural.parameters import AfferentParameters, Parameters, quantiles
@@ -25,7 +25,7 @@ from neural.parameters import AfferentParameters, Parameters, quantiles
 _STEP_TOLERANCE = 1.0e-4
 
 # How many membranes are computed at once, how many numbers of their currents and rows, and
-# how many samples around one a filter may see beside `LAG_MS`: of a trace of an hour, or of
+# how many samples around one a filter may see: of a trace of an hour, or of
 # a hundred thousand membranes, little is in memory beside the stress and the spikes.
 _MEMBRANES, _NUMBERS, _ROWS, _SAMPLES_AROUND = 1 << 12, 1 << 21, 1 << 16, 64
 
@@ -164,7 +164,7 @@ def _encoded(
     membrane = Membrane.joined([_membrane(one) for one in chosen.values()], sizes)
     samples = len(next(iter(stress.values())))
     step_ms = next(iter(chosen.values())).dt_ms
-    reach = int(min(samples, _SAMPLES_AROUND + 3.0 * LAG_MS / step_ms))
+    reach = min(samples, _SAMPLES_AROUND)
     step = max(reach, min(_ROWS, _NUMBERS // sum(sizes)))
     if any(model_of(one).whole for one in chosen.values()):
         step = samples

@@ -36,13 +36,6 @@ from fembridge.typing import FloatArray
 # and M2 behind, (2) looks M3 ahead and M4 behind. At 0.5 ms that is 4.5 ms ahead.
 M1, M2, M3, M4 = 9, 9, 9, 8
 
-# Over what time the differences of `sharp_rise` are taken. With it they are largest
-# at 1 / (2 LAG_MS), 500 Hz; over one sample they would grow up to 1000 Hz.
-LAG_MS = 1.0
-
-# How the response of PC grows with them: a tenth for a thousandth.
-COMPRESSION = 1.0 / 3.0
-
 # Where `corpuscle` passes most. Recorded thresholds of Pacinian afferents fall up to 205 Hz,
 # the highest frequency of Freeman & Johnson (1982); the membrane, which sums each swing, is
 # keener at lower frequencies than what it is fed.
@@ -94,9 +87,9 @@ def sa_rate(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") ->
 
 
 def rate_change(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
-    """Change of the stress rate in Pa/ms; rectified it drives RA.
+    """Change of the stress rate in Pa/ms: what drives RA.
 
-    Filter (3), ``σ′(t) − σ′(t − dt)``. The difference is not divided by dt, so its
+    Filter (3), ``|σ′(t) − σ′(t − dt)|``. The difference is not divided by dt, so its
     size goes with dt: parameters hold for the step they were fitted at. With the
     backward scheme the first two samples are 0: they have no complete past.
     """
@@ -106,9 +99,9 @@ def rate_change(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
 def acceleration_change(
     stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
 ) -> FloatArray:
-    """Change of the stress acceleration in Pa/ms²; rectified it drives PC.
+    """Change of the stress acceleration in Pa/ms²: what drives PC.
 
-    Filter (4), ``σ″(t) − σ″(t − dt)``, the scheme of σ′ applied twice. With the
+    Filter (4), ``|σ″(t) − σ″(t − dt)|``, the scheme of σ′ applied twice. With the
     backward scheme the first three samples are 0.
     """
     rate = stress_rate(stress_pa, dt_ms, derivative)
@@ -131,33 +124,6 @@ def stress_rate(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
     slope = np.zeros_like(stress)
     slope[behind : stress.shape[0] - ahead] = (stress[span:] - stress[:-span]) / (span * dt_ms)
     return slope
-
-
-def sharp_rise(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
-    """Compressed one-sided third difference of the stress, in Pa^(1/3): drives a PC cell.
-
-    ``max(Δ³σ(t), 0)^(1/3)`` with ``Δσ(t) = σ(t) − σ(t − LAG_MS)``; 0 where one of its
-    samples is missing. The differences look back whatever the scheme: they are no
-    derivatives.
-
-    Raises
-    ------
-    ParameterError
-        `LAG_MS` is not a whole number of samples.
-    """
-    stress = checked_stress(stress_pa, dt_ms, derivative)
-    lag = round(LAG_MS / dt_ms)
-    if lag < 1 or abs(lag * dt_ms - LAG_MS) > 1e-3 * LAG_MS:
-        raise ParameterError(
-            f"dt_ms is {dt_ms:g}, expected a whole part of {LAG_MS:g} ms, the lag of "
-            "the third difference"
-        )
-    third = stress
-    for _ in range(3):
-        third = third[lag:] - third[:-lag]
-    drive = np.zeros_like(stress)
-    drive[3 * lag :] = np.cbrt(np.maximum(third, 0.0))
-    return drive
 
 
 def slow_rate(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
@@ -271,10 +237,10 @@ def checked_stress(
 
 
 def _change(slope: FloatArray, order: int, derivative: str) -> FloatArray:
-    """``slope(t) − slope(t − dt)``, 0 where the stencil leaves the trace."""
+    """``|slope(t) − slope(t − dt)|``, 0 where the stencil leaves the trace."""
     behind, ahead = _REACH[derivative]
     change = np.zeros_like(slope)
-    change[1:] = np.diff(slope, axis=0)
+    change[1:] = np.abs(np.diff(slope, axis=0))
     change[: behind * order + 1] = 0.0
     change[max(slope.shape[0] - ahead * order, 0) :] = 0.0
     return change

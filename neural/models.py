@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike
 from fembridge.errors import ParameterError
 from fembridge.typing import FloatArray
 from neural.filters import (
-    COMPRESSION,
     CORPUSCLE_POWER,
     acceleration_change,
     corpuscle,
@@ -30,7 +29,6 @@ from neural.filters import (
     rate_change,
     sa_level,
     sa_rate,
-    sharp_rise,
     slow_rate,
     stress_rate,
 )
@@ -41,16 +39,14 @@ from neural.parameters import (
     FadingSaParameters,
     PcParameters,
     RaParameters,
-    RateRaParameters,
     RisingRaParameters,
     RisingSaParameters,
     SaParameters,
-    SharpPcParameters,
     TwoWayRaParameters,
 )
 
-# Cells of the models whose rates are means over a population: a recorded mean has
-# steps of a fifth of an impulse, as far as cells fire equally.
+# Cells of `rising`, whose rates are means over a population: a recorded mean has steps of a
+# fifth of an impulse, as far as cells fire equally.
 CELLS = 5
 
 # Those of the shipped models: cells of one step at 300 Hz are 30 impulses/s apart, not 60,
@@ -128,7 +124,6 @@ A1 = Free("a1_pa", 1e2, 1e6, "Pa")
 A2 = Free("a2_pa_per_ms", 1e2, 1e6, "Pa/ms")
 A3 = Free("a3_pa_per_ms", 1e1, 1e6, "Pa/ms")
 A4 = Free("a4_pa_per_ms2", 1e-1, 1e4, "Pa/ms²")
-A5 = Free("a5_pa_per_ms", 1e1, 1e6, "Pa/ms")
 ALPHA = Free("alpha_mv_per_ms", 1e-1, 1e3, "mV/ms")
 BETA = Free("beta_mv_per_ms", 1e-2, 1e2, "mV/ms")
 STEP = Free("step_pa", 1e3, 1e6, "Pa")
@@ -140,16 +135,15 @@ RETRACTION = Free("retraction", 0.4, 1.0, "1", even=True)
 class Model:
     """One model of one class: what it filters, how that becomes current, and why.
 
-    `filters` are rectified by `rectify`. `clamped` membranes do not fall below rest.
-    With `two_way` a cell has a second membrane that integrates falls, and a spike of
-    either is a spike of the cell; with `until_turn` what a spike adds to the threshold
-    is lost as soon as the current drives the potential below rest. Filters of a `whole`
-    model look back to the beginning of the trace. `any_step` equations
-    have no time step in them: their parameters hold at any.
-    `equation` is kept beside fitted parameters, and those with another one are refused: when
-    a constant changes, so does its text.
-    `quantity` is the stress that it reads: ``von_mises``, or ``energy``, the uniaxial
-    stress of equal strain energy.
+    `clamped` membranes do not fall below rest. With `two_way` a cell has a second membrane
+    that integrates falls, and a spike of either is a spike of the cell; with `until_turn`
+    what a spike adds to the threshold is lost as soon as the current drives the potential
+    below rest. Filters of a `whole` model look back to the beginning of the trace.
+    `any_step` equations have no time step in them: their parameters hold at any.
+
+    `equation` is kept beside fitted parameters, and those with another one are refused:
+    when a constant changes, so does its text. `quantity` is the stress that it reads:
+    ``von_mises``, or ``energy``, the uniaxial stress of equal strain energy.
     """
 
     name: str
@@ -160,7 +154,6 @@ class Model:
     own_free: tuple[Free, ...]
     equation: str
     reason: str
-    rectify: Callable[[FloatArray], FloatArray] | None = None
     clamped: bool = False
     quantity: str = "von_mises"
     adaptive: bool = False
@@ -176,8 +169,7 @@ class Model:
         self, stress_pa: FloatArray, dt_ms: float, derivative: str
     ) -> tuple[FloatArray, ...]:
         """Stress after each filter, of the shape of `stress_pa`."""
-        found = tuple(each(stress_pa, dt_ms, derivative) for each in self.filters)
-        return tuple(map(self.rectify, found)) if self.rectify else found
+        return tuple(each(stress_pa, dt_ms, derivative) for each in self.filters)
 
     def ways(self, values: Values) -> tuple[Coefficients, ...]:
         """Coefficients of each membrane of a cell: a two-way one has a second, of falls."""
@@ -222,14 +214,6 @@ def _rising_ra(values: Values) -> Coefficients:
     return Coefficients(_RA_GAP_MV, weights=(np.divide(1.0, values["step_pa"]),))
 
 
-def _sharp_pc(values: Values) -> Coefficients:
-    return Coefficients(values["beta_mv_per_ms"], weights=(1.0,), degree=COMPRESSION)
-
-
-def _rise(filtered: FloatArray) -> FloatArray:
-    return np.maximum(filtered, 0.0)
-
-
 _PUBLISHED = (
     Model(
         name="published",
@@ -246,7 +230,6 @@ _PUBLISHED = (
         afferent="RA",
         parameters=RaParameters,
         filters=(rate_change,),
-        rectify=np.abs,
         coefficients=_saturating("a3_pa_per_ms"),
         own_free=(A3, ALPHA),
         equation="I' = α' x/(a3 + x), x = |σ'(t) − σ'(t − dt)|",
@@ -257,7 +240,6 @@ _PUBLISHED = (
         afferent="PC",
         parameters=PcParameters,
         filters=(acceleration_change,),
-        rectify=np.abs,
         coefficients=_saturating("a4_pa_per_ms2"),
         own_free=(A4, ALPHA),
         equation="I' = α' x/(a4 + x), x = |σ″(t) − σ″(t − dt)|",
@@ -289,40 +271,6 @@ _ROWS = (
         for model in _PUBLISHED
     ),
     Model(
-        name="rate",
-        afferent="RA",
-        parameters=RateRaParameters,
-        filters=(rate_change, stress_rate),
-        rectify=np.abs,
-        coefficients=_saturating("a3_pa_per_ms", "a5_pa_per_ms"),
-        own_free=(A3, A5, ALPHA),
-        equation="I' = α' (x1/(a3 + x1) + x2/(a5 + x2)), x1 as published, x2 = |σ'|",
-        reason="filter (3) grows with the square of the frequency and overrates "
-        "300 Hz; |σ'| grows with the frequency alone",
-    ),
-    Model(
-        name="one_sided",
-        afferent="RA",
-        parameters=RaParameters,
-        filters=(rate_change,),
-        rectify=_rise,
-        coefficients=_saturating("a3_pa_per_ms"),
-        own_free=(A3, ALPHA),
-        equation="I' = α' x/(a3 + x), x = max(σ'(t) − σ'(t − dt), 0)",
-        reason="a cell that fires on one phase of a cycle locks one to one",
-    ),
-    Model(
-        name="one_sided",
-        afferent="PC",
-        parameters=PcParameters,
-        filters=(acceleration_change,),
-        rectify=_rise,
-        coefficients=_saturating("a4_pa_per_ms2"),
-        own_free=(A4, ALPHA),
-        equation="I' = α' x/(a4 + x), x = max(σ″(t) − σ″(t − dt), 0)",
-        reason="a cell that fires on one phase of a cycle locks one to one",
-    ),
-    Model(
         name="rising",
         afferent="SA",
         parameters=RisingSaParameters,
@@ -350,18 +298,6 @@ _ROWS = (
         clamped=True,
         cells=CELLS,
         any_step=True,
-    ),
-    Model(
-        name="sharp",
-        afferent="PC",
-        parameters=SharpPcParameters,
-        filters=(sharp_rise,),
-        coefficients=_sharp_pc,
-        own_free=(BETA,),
-        equation="I' = β max(Δ³σ, 0)^(1/3), Δσ = σ(t) − σ(t − 1 ms)",
-        reason="filter (4) grows without end up to 1000 Hz, PC cells are keenest near "
-        "250 Hz; their rates span amplitudes of 1 to 1000 by compression",
-        cells=CELLS,
     ),
     Model(
         name="fading",
@@ -413,10 +349,9 @@ _ROWS = (
         tau=replace(TAU, high=100.0),
         equation="I' = β (max(y, 0)^(2/3) - 0.8 max(-y, 0)^(2/3)), y = σ through three high "
         "and three low passes at 300 Hz, v ≥ rest, threshold + jump until the turn",
-        reason="PC cells are keenest between 200 and 300 Hz and duller above, where the "
-        "third difference of sharp goes on rising to 500 Hz; a swing fires once over a wide "
-        "range of amplitudes, what stays of faint ones adds up, and no amplitude drives a "
-        "cell below rest",
+        reason="PC cells are keenest between 200 and 300 Hz and duller above; a swing fires "
+        "once over a wide range of amplitudes, what stays of faint ones adds up, and no "
+        "amplitude drives a cell below rest",
         clamped=True,
         until_turn=True,
         cells=MORE_CELLS,

@@ -120,7 +120,7 @@ class RaParameters(AfferentParameters):
     """Rapidly adapting afferent: filter (3), current (5)."""
 
     afferent: ClassVar[str] = "RA"
-    drives: ClassVar[tuple[str, ...]] = ("published", "energy", "adaptive", "one_sided")
+    drives: ClassVar[tuple[str, ...]] = ("published", "energy", "adaptive")
 
     a3_pa_per_ms: float
     alpha_mv_per_ms: float
@@ -133,21 +133,12 @@ class PcParameters(AfferentParameters):
     """Pacinian afferent: filter (4), current (6)."""
 
     afferent: ClassVar[str] = "PC"
-    drives: ClassVar[tuple[str, ...]] = ("published", "energy", "adaptive", "one_sided")
+    drives: ClassVar[tuple[str, ...]] = ("published", "energy", "adaptive")
 
     a4_pa_per_ms2: float
     alpha_mv_per_ms: float
     threshold_mv: float = -55.0
     refractory_ms: float = 0.5
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RateRaParameters(RaParameters):
-    """RA that also sees how fast the stress changes, |σ′|."""
-
-    drives: ClassVar[tuple[str, ...]] = ("rate",)
-
-    a5_pa_per_ms: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -202,30 +193,19 @@ class TwoWayRaParameters(RisingRaParameters):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SharpPcParameters(AfferentParameters):
-    """PC that sees sharp rises of stress, compressed.
-
-    `beta_mv_per_ms` is the current at a third difference of 1 Pa.
-    """
-
-    afferent: ClassVar[str] = "PC"
-    drives: ClassVar[tuple[str, ...]] = ("sharp",)
-
-    beta_mv_per_ms: float
-    threshold_mv: float = -55.0
-    refractory_ms: float = 0.5
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CorpusclePcParameters(SharpPcParameters):
+class CorpusclePcParameters(AfferentParameters):
     """PC whose corpuscle passes what is near its best frequency, compressed.
 
     `beta_mv_per_ms` is the current at 1 Pa of what the corpuscle passes. `jump_mv` lasts
     until what it passes turns: a second spike of one swing takes a far stronger one.
     """
 
+    afferent: ClassVar[str] = "PC"
     drives: ClassVar[tuple[str, ...]] = ("corpuscle",)
 
+    beta_mv_per_ms: float
+    threshold_mv: float = -55.0
+    refractory_ms: float = 0.5
     jump_mv: float = 80.0
 
 

@@ -265,11 +265,11 @@ def test_the_published_drive_is_fitted_without_pre_indentation(call, tmp_path, u
 
 
 def test_a_model_of_one_class_leaves_the_others_out(call, tmp_path, capsys, undrawn):
-    summary = call("--drive", "rate", "--cells", "3", "--json")
+    summary = call("--drive", "two_way", "--cells", "3", "--json")
     assert capsys.readouterr().out == ""
     assert list(summary["afferents"]) == ["RA"]
-    assert summary["afferents"]["RA"]["parameters"]["drive"] == "rate"
-    assert summary["notes"][0] == "SA left out: model 'rate' is of RA"
+    assert summary["afferents"]["RA"]["parameters"]["drive"] == "two_way"
+    assert summary["notes"][0] == "SA left out: model 'two_way' is of RA"
     found = record(tmp_path)
     assert found["RA"]["cells"] == 3
     assert "spread" in found["fit"]["RA"]["free"]
@@ -278,7 +278,7 @@ def test_a_model_of_one_class_leaves_the_others_out(call, tmp_path, capsys, undr
 @pytest.mark.parametrize(
     ("words", "error", "found"),
     [
-        (["--drive", "rate", "--afferent", "SA"], UsageError, "'rate' for SA"),
+        (["--drive", "two_way", "--afferent", "SA"], UsageError, "'two_way' for SA"),
         (["--drive", "risin"], UsageError, "'risin'"),
         (["--afferent", "PC"], UsageError, "'PC'"),
         (["--response", "."], ResponseError, r"response\.toml"),

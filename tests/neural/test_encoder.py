@@ -30,7 +30,6 @@ VALUES = {
     "a2_pa_per_ms": 9.3e3,
     "a3_pa_per_ms": 4.7e3,
     "a4_pa_per_ms2": 3.1e3,
-    "a5_pa_per_ms": 6.1e3,
     "alpha_mv_per_ms": 7.3,
     "beta_mv_per_ms": 0.43,
     "step_pa": 5.9e3,

@@ -12,13 +12,10 @@ from fembridge.errors import ParameterError
 from neural.encoder import encode
 from neural.models import MODELS, Coefficients, model_named, model_of
 from neural.parameters import (
-    PUBLISHED,
     CorpusclePcParameters,
     FadingSaParameters,
-    RateRaParameters,
     RisingRaParameters,
     RisingSaParameters,
-    SharpPcParameters,
     TwoWayRaParameters,
 )
 
@@ -53,7 +50,7 @@ def spike_samples(stress_pa, parameters):
     [
         ("rapid", "RA", "'rapid'"),
         ("rising", "PC", "'rising' for PC"),
-        ("sharp", "Ruffini", "Ruffini"),
+        ("rising", "Ruffini", "Ruffini"),
     ],
 )
 def test_a_row_that_is_not_there_is_refused(name, afferent, words):
@@ -97,24 +94,6 @@ def test_held_stress_fires_sa_with_the_period_of_the_recurrence():
 
     assert spike_samples(np.full(120, 1e4), sa) == [28, 58, 88, 118]
     assert spike_samples(np.full(2000, 5000.0), sa) == []
-
-
-@pytest.mark.parametrize("sign", [1, -1])
-def test_a_cubic_fires_sharp_with_the_period_of_the_recurrence(sign):
-    """σ = 4.5 t³: Δ³σ = 6 · 4.5 = 27 Pa, so I' = 2 · 3 = 6 mV/ms and Iτ = 600 mV.
-
-    ln(1 − 10/600) / ln(1 − 0.5/100) = 3.35: four rows, and one of pause. The first
-    sample with a whole past is 6. A cubic that falls drives nothing.
-    """
-    pc = SharpPcParameters(tau_ms=100.0, beta_mv_per_ms=2.0)
-    stress = sign * 4.5 * (DT_MS * np.arange(41)) ** 3
-
-    current = membrane_current(stress, DT_MS, pc)
-
-    expected = 6.0 * (np.arange(41) >= 6) if sign > 0 else np.zeros(41)
-    np.testing.assert_allclose(current, expected, rtol=1e-15)
-    spikes = np.arange(10, 41, 5).tolist() if sign > 0 else []
-    assert spike_samples(stress, pc) == spikes
 
 
 TWO_WAY = TwoWayRaParameters(tau_ms=LEAKLESS_MS, step_pa=4096.0, retraction=0.5, refractory_ms=0.0)
@@ -195,43 +174,6 @@ def test_a_corpuscle_is_a_plain_loop_over_its_passes():
     current = membrane_current(stress, DT_MS, CorpusclePcParameters(tau_ms=9, beta_mv_per_ms=1))
 
     np.testing.assert_allclose(current, expected, rtol=1e-9, atol=1e-9)
-
-
-def test_stress_that_rises_evenly_drives_rate_and_not_published():
-    """σ′ = a5 gives α′/2 = 5 mV/ms: Iτ = 500; 10 mV is passed by the 5th row.
-
-    ln(1 − 10/500) / ln(1 − 0.5/100) = 4.03 rows; one row of pause.
-    """
-    own = RateRaParameters(tau_ms=100.0, a3_pa_per_ms=1.0, a5_pa_per_ms=512.0, alpha_mv_per_ms=10.0)
-    ramp = 256.0 * np.arange(32)
-    ramp_after_onset = membrane_current(ramp, DT_MS, own)[2:]
-    bare = replace(PUBLISHED["RA"], a3_pa_per_ms=1.0, alpha_mv_per_ms=10.0)
-
-    np.testing.assert_array_equal(ramp_after_onset, 5.0)
-    assert spike_samples(ramp, own)[:4] == [6, 12, 18, 24]
-    assert spike_samples(ramp, bare) == []
-
-
-def test_rate_is_published_and_a_share_that_a_great_half_takes_away():
-    stress = np.random.default_rng(3).uniform(0, 2e4, 200)
-    own = RateRaParameters(tau_ms=30.0, a3_pa_per_ms=4e3, a5_pa_per_ms=1e300, alpha_mv_per_ms=9.0)
-    published = replace(PUBLISHED["RA"], tau_ms=30.0, a3_pa_per_ms=4e3, alpha_mv_per_ms=9.0)
-
-    assert len(spike_samples(stress, published)) > 5
-    assert spike_samples(stress, own) == spike_samples(stress, published)
-
-
-@pytest.mark.parametrize(("afferent", "power"), [("RA", 2), ("PC", 3)])
-def test_one_sided_fires_as_published_on_what_grows_and_not_on_what_shrinks(afferent, power):
-    """Constant σ″ (RA) or σ‴ (PC): filter (3) or (4) keeps one value and one sign."""
-    published = replace(PUBLISHED[afferent], alpha_mv_per_ms=30.0)
-    one_sided = replace(published, drive="one_sided")
-    grows = 4e3 * (DT_MS * np.arange(60)) ** power
-
-    assert len(spike_samples(grows, published)) > 5
-    assert spike_samples(grows, one_sided) == spike_samples(grows, published)
-    assert spike_samples(-grows, published) == spike_samples(grows, published)
-    assert spike_samples(-grows, one_sided) == []
 
 
 @pytest.mark.parametrize("row", ROWS, ids=NAMES)

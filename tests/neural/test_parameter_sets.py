@@ -24,9 +24,9 @@ from neural.parameter_sets import (
 from neural.parameters import (
     AFFERENTS,
     PUBLISHED,
-    RateRaParameters,
+    CorpusclePcParameters,
     RisingRaParameters,
-    SharpPcParameters,
+    TwoWayRaParameters,
 )
 
 ROWS = [row for models in MODELS.values() for row in models.values()]
@@ -102,11 +102,11 @@ def test_other_models_keep_the_defaults_of_their_class():
 
 
 def test_parameters_of_another_model_are_refused_by_their_class():
-    with pytest.raises(ParameterError, match="sharp"):
-        RisingRaParameters(tau_ms=1.0, step_pa=1.0, drive="sharp")
-    assert SharpPcParameters(tau_ms=1.0, beta_mv_per_ms=1.0).drive == "sharp"
-    with pytest.raises(TypeError, match="a5_pa_per_ms"):
-        RateRaParameters(tau_ms=1.0, a3_pa_per_ms=1.0, alpha_mv_per_ms=1.0)
+    with pytest.raises(ParameterError, match="corpuscle"):
+        RisingRaParameters(tau_ms=1.0, step_pa=1.0, drive="corpuscle")
+    assert CorpusclePcParameters(tau_ms=1.0, beta_mv_per_ms=1.0).drive == "corpuscle"
+    with pytest.raises(TypeError, match="retraction"):
+        TwoWayRaParameters(step_pa=1.0)
 
 
 def test_a_set_has_its_name_its_depth_and_where_it_comes_from(file_of):
@@ -253,7 +253,7 @@ def test_a_shipped_name_wins_over_a_file_of_that_name(tmp_path, monkeypatch):
         ("[PC]\nthreshold_mv = -65", "PC: .*threshold_mv -65.*rest_mv -65"),
         ("[PC]\ntau_ms = 0.4", r"PC: .*tau_ms 0\.4.*dt_ms 0\.5"),
         ("[RA]\ndrive = 'rising'\ntau_ms = 3", "RA: .*step_pa"),
-        ("[RA]\ndrive = 'rate'\na3_pa_per_ms = 3", "RA: .*_pa_per_ms|RA: .*tau_ms"),
+        ("[RA]\ndrive = 'two_way'\nstep_pa = 3", "RA: .*retraction"),
         ("[RA]\ndrive = 'risin'", "'risin'.*rising"),
         ("preindent_um = -1", "preindent_um.*-1"),
         ("[SA", ""),

@@ -112,7 +112,7 @@ def test_what_is_no_study_is_refused(table, cases, words, message):
 
 
 def test_the_verb_writes_table_summary_and_picture(table, tmp_path, capsys):
-    words = ["study", "--observed", str(table), "--drive", "sharp", "rate"]
+    words = ["study", "--observed", str(table), "--drive", "corpuscle", "two_way"]
     short = ["--evaluations", "200", "--seeds", "1", "--json", "-o", str(tmp_path / "s")]
     assert main([*words, *short]) == 0
 
@@ -135,19 +135,19 @@ def test_an_interrupt_keeps_the_cases_that_are_finished(table, tmp_path, monkeyp
     def stop_in_second_case(problem, **words):
         asked.append(problem.model.name)
         front = whole(problem, **words)
-        return replace(front, finished=False) if asked[-1] == "rate" else front
+        return replace(front, finished=False) if asked[-1] == "two_way" else front
 
     monkeypatch.setattr(search, "search_front", stop_in_second_case)
-    words = ["study", "--observed", str(table), "--drive", "sharp", "rate", "sharp"]
+    words = ["study", "--observed", str(table), "--drive", "corpuscle", "two_way", "corpuscle"]
     short = ["--evaluations", "200", "--seeds", "1", "--json", "-o", str(tmp_path / "s")]
     assert main([*words, *short]) == 130
 
     streams = capsys.readouterr()
     shown = json.loads(streams.out)
     assert (shown["finished"], shown["cases"]) == (False, len(set(asked)) - 1)
-    assert asked[-1] == "rate"
+    assert asked[-1] == "two_way"
     with (tmp_path / "s" / "study.csv").open(newline="") as file:
-        assert {row["drive"] for row in csv.DictReader(file)} == {"sharp"}
+        assert {row["drive"] for row in csv.DictReader(file)} == {"corpuscle"}
     assert "1 of " in streams.err.splitlines()[-1]
 
 

@@ -13,7 +13,7 @@ from neural.models import model_named
 
 @pytest.fixture(scope="module")
 def run(observed, response):
-    drives = {"RA": model_named("one_sided", "RA"), "SA": model_named("rising", "SA")}
+    drives = {"RA": model_named("adaptive", "RA"), "SA": model_named("rising", "SA")}
     settings = FitSettings(evaluations=60, population=20)
     return fit_afferents(observed, response, drives, settings)
 
