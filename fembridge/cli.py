@@ -24,7 +24,7 @@ from importlib import import_module
 from io import TextIOWrapper
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple, NoReturn, TextIO
+from typing import Any, NoReturn, TextIO
 
 from fembridge import __version__
 from fembridge.commands.options import Words, invalid_choice
@@ -279,7 +279,7 @@ def _parser(words: Sequence[str]) -> tuple[argparse.ArgumentParser, ModuleType |
     command = import_module(f"fembridge.commands.{asked.replace('-', '_')}")
     shown = [f"example: {command.EXAMPLE}"]
     if {"--help", "-h"} & set(words):
-        shown.insert(0, f"{help_text(asked)}\n\n")
+        shown.insert(0, f"{_outputs_text(asked)}\n\n")
     child = verbs.add_parser(
         asked,
         description=command.__doc__,
@@ -292,48 +292,32 @@ def _parser(words: Sequence[str]) -> tuple[argparse.ArgumentParser, ModuleType |
     return parser, command
 
 
-class Column(NamedTuple):
-    """A column of a table: its name, the unit of its numbers ("" for none), its meaning."""
-
-    name: str
-    unit: str
-    meaning: str
-
-
-class Output(NamedTuple):
-    """A file that a verb writes, what it is, and its columns if it is a table."""
-
-    file: str
-    what: str
-    columns: tuple[Column, ...] = ()
-
-
 _FILE = re.compile(r"^\*\*`(.*)`\*\*: (.*)$", re.MULTILINE)
 _COLUMN = re.compile(r"^\| `(.*?)` \| (.*?) ?\| (.*) \|$", re.MULTILINE)
 
 
-def outputs_of(verb: str) -> tuple[Output, ...]:
-    """What `verb` writes; () where that is no file."""
+def outputs_of(verb: str) -> dict[str, tuple[str, list[tuple[str, str, str]]]]:
+    """By file that `verb` writes what it is, and of a table name, unit and meaning of columns."""
     from importlib.resources import files
 
     page = files("fembridge.commands").joinpath("outputs.md").read_text(encoding="utf-8")
     section = page.partition(f"\n## {verb}\n")[2].partition("\n## ")[0]
     pieces = iter(_FILE.split(section)[1:])
-    return tuple(
-        Output(file, what, tuple(Column(*row) for row in _COLUMN.findall(table)))
+    return {
+        file: (what, _COLUMN.findall(table))
         for file, what, table in zip(pieces, pieces, pieces, strict=True)
-    )
+    }
 
 
-def help_text(verb: str) -> str:
+def _outputs_text(verb: str) -> str:
     """The outputs of `verb` for its ``--help``; "" where it writes nothing."""
     import textwrap
 
     outputs = outputs_of(verb)
     lines = ["outputs:"] if outputs else []
-    for output in outputs:
-        lines.append(f"  {output.file}: {output.what}")
-        for name, unit, meaning in output.columns:
+    for file, (what, columns) in outputs.items():
+        lines.append(f"  {file}: {what}")
+        for name, unit, meaning in columns:
             words = f"{name}{f' ({unit})' if unit else ''}: {meaning}".replace("`", "")
             lines += textwrap.wrap(words, 88, initial_indent=" " * 4, subsequent_indent=" " * 6)
     return "\n".join(lines)

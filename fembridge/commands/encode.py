@@ -24,7 +24,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import Several, add_options, column
+from fembridge.commands.options import Several, add_from, add_options, column
 from fembridge.terminal import log
 
 if TYPE_CHECKING:
@@ -43,6 +43,8 @@ EXAMPLE = "fembridge encode traces.csv -o encoded --window-ms 5:250"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
+    from fembridge.api import encode
+
     add = parser.add_argument
     add("traces", type=Path, metavar="CSV|NPZ|DIR", help="table of traces, or a folder")
     add(
@@ -57,7 +59,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_options(parser, ("parameters",), help=f"{whose}run of the traces names, else fitted)")
     named = "what the tables call the stimulus (default: as its run, else the file's name), or "
     named += "which of several"
-    add("--stimulus", metavar="ID", help=named)
     add(
         "--afferent",
         action=Several,
@@ -72,23 +73,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="columns of another table: time (in s, or as its name ends: _ms, _us) or time_ms, "
         "value (each is a trace), afferent, unit, node, stimulus",
     )
-    add(
-        "--gain-pa",
-        type=float,
-        metavar="PA",
-        help="Pa that a value of 1 is (default: as the column's name ends: _pa, _kpa, _mpa)",
+    gain = "Pa that a value of 1 is (default: as the column's name ends: _pa, _kpa, _mpa)"
+    add_from(
+        parser,
+        encode,
+        stimulus=("ID", named),
+        gain_pa=("PA", gain),
+        resample_ms=("MS", "put samples on an even grid of this step, by PCHIP"),
+        derivative=(("backward", "central", "forward"), "scheme of the stress derivatives"),
     )
-    resampled = "put samples on an even grid of this step, by PCHIP"
-    add("--resample-ms", type=float, metavar="MS", help=resampled)
     counted = "count spikes after START up to END (default: as in its run, else of "
     counted += "--stimulus ID, else the whole trace)"
     add_options(parser, ("window_ms",), help=counted)
-    add(
-        "--derivative",
-        choices=("backward", "central", "forward"),
-        default="backward",
-        help="scheme of the stress derivatives (default: backward)",
-    )
     add_options(parser, ("export",))
     add("--no-raster", action="store_true", help="write the tables alone")
 

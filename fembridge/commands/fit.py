@@ -57,23 +57,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"'--drive {LIST}' lists all, with equation and free parameters",
     )
     add_from(parser, api.fit, cells=("N", "of the population (default: the model's own number)"))
-    add(
-        "--family",
-        choices=("sine", "diharm", "noise", EVERY),
-        default="sine",
-        help="stimuli to fit; the others of the table are judged, unseen (default: sine)",
-    )
+    unseen = "stimuli to fit; the others of the table are judged, unseen"
+    add_from(parser, api.fit, family=(("sine", "diharm", "noise", EVERY), unseen))
     numbers: dict[str, Any] = {"type": int, "metavar": "N"}
     tried = "candidates that are tried (default: %(default)d)"
     add("--evaluations", **numbers, default=EVALUATIONS, help=tried)
     generation = "candidates of a generation (default: %(default)d)"
     add("--population", **numbers, default=POPULATION, help=generation)
-    add(
-        "--rule",
-        choices=tuple(RULES),
-        default=next(iter(RULES)),
-        help=f"which candidate of the front is taken. {rules} (default: %(default)s)",
-    )
     evidence = "fit threshold amplitudes too: thresholds_freeman_johnson_1982, or a table "
     evidence += "afferent,criterion,frequency_hz,amplitude_um"
     trains = "fit spike times too, with a latency: a table "
@@ -84,18 +74,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_from(
         parser,
         api.fit,
+        rule=(RULES, f"which candidate of the front is taken. {rules}"),
         thresholds=("NAME|FILE.csv", evidence),
         timing="fit the published vector strengths at 20 Hz too (timing_20hz)",
         spikes=("FILE.csv", trains),
         held_out=held_out,
         seed=("N", ""),
         preindent_um=("DEPTH", depth),
-    )
-    add(
-        "--spike-distance",
-        choices=DISTANCES,
-        default=DISTANCES[0],
-        help="of spike times, both with 5 ms (default: %(default)s)",
+        spike_distance=(DISTANCES, "of spike times, both with 5 ms"),
     )
     stress = parser.add_mutually_exclusive_group()
     add_options(stress, ("finger",), **STORED_FINGER, default=None)

@@ -256,28 +256,30 @@ def add_options(
 def add_from(
     parser: argparse._ActionsContainer,
     function: Callable[..., Any],
-    **words: str | tuple[str, str],
+    **words: str | tuple[str | Iterable[str], str],
 ) -> None:
     """Add options that are arguments of a `function` of the API: type and default are its own.
 
-    `words` are by argument its help, or its metavar and its help, without the default.
+    `words` are by argument its help, or its metavar or choices and its help, without the
+    default.
     """
     arguments = signature(function).parameters
     for name, text in words.items():
-        metavar, meaning = (None, text) if isinstance(text, str) else text
+        what, meaning = (None, text) if isinstance(text, str) else text
         default, annotation = arguments[name].default, arguments[name].annotation
         if default is False:
             parser.add_argument(option(name), action="store_true", help=meaning)
             continue
         kinds = get_args(annotation) or (annotation,)
         how: dict[str, Any] = {"type": next((k for k in (float, int) if k in kinds), str)}
+        how |= {"metavar": what} if isinstance(what, str | None) else {"choices": tuple(what)}
         shown = default
         if isinstance(default, tuple):
             how |= {"action": Several}
             default, shown = list(default), ",".join(f"{each:g}" for each in default)
         said = "" if shown in (None, "") else f"default: {shown}".removesuffix(".0")
         about = f"{meaning} ({said})" if meaning and said else meaning or said
-        parser.add_argument(option(name), metavar=metavar, default=default, help=about, **how)
+        parser.add_argument(option(name), default=default, help=about, **how)
 
 
 def add_output_option(parser: argparse.ArgumentParser, default: str) -> None:

@@ -16,6 +16,7 @@ from fembridge.commands.options import (
     LIMITS,
     SOLVING,
     STIMULUS,
+    add_from,
     add_options,
     add_output_option,
     probe_from,
@@ -34,28 +35,23 @@ _SHOWN = 30
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
+    from fembridge.api import simulate
+
     add_options(parser, (*STIMULUS, *FINGER, *SOLVING, *LIMITS))
     add_options(parser, ("parameters",), default="fitted")
     add_output_option(parser, default="out")
     add_options(parser, ("export",))
+    how = "interpolate in one indentation, or solve each waveform; auto is the map where stress "
+    add_from(
+        parser,
+        simulate,
+        element=(("CPE4", "CPE4R", "CPE8R"), "element of the finger"),
+        method=(("auto", "map", "transient"), f"{how}depends on depth alone"),
+        stored="take the stored response even where ccx is installed",
+    )
     add = parser.add_argument
-    add(
-        "--element",
-        choices=("CPE4", "CPE4R", "CPE8R"),
-        default="CPE4",
-        help="element of the finger (default: CPE4)",
-    )
-    add(
-        "--method",
-        choices=("auto", "map", "transient"),
-        default="auto",
-        help="interpolate in one indentation, or solve each waveform (default: auto, "
-        "the map where stress depends on depth alone)",
-    )
     yes = "solve transients also where that takes more than ten minutes"
-    add("--yes", action="store_true", help=yes)
-    stored = "take the stored response even where ccx is installed"
-    add("--stored", action="store_true", help=stored)
+    add("--yes", action="store_true", help=yes)  # in Python nobody is asked
     no_plot = "draw no raster; an earlier one in DIR is removed"
     add("--no-plot", action="store_true", help=no_plot)
 

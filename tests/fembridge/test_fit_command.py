@@ -7,6 +7,7 @@ import tomllib
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
 
 from decks.stimuli import resolve
@@ -16,7 +17,9 @@ from fembridge.commands import fit
 from fembridge.errors import OutputError, ResponseError, TableError, UsageError
 from fembridge.fitting import fit as fitting
 from fembridge.fitting.fit import SearchBar
+from fembridge.plots import tradeoffs
 from fembridge.response.response_map import FOLDER, read_map
+from fembridge.store import sha256_of
 from fembridge.tables import Rate, read_rates, write_rates
 from neural import PUBLISHED, encode_cells, parameter_set, rate_ips
 from neural.models import MODELS
@@ -52,19 +55,20 @@ def parse():
     return parsed
 
 
+def write_observed(path):
+    """A table of rates of SA and RA that someone may have observed."""
+    rates = [
+        Rate(stimulus, name, rate)
+        for stimulus, both in RATES.items()
+        for name, rate in zip(("SA", "RA"), both, strict=True)
+    ]
+    write_rates(path, rates)
+    return path
+
+
 @pytest.fixture
 def observed(tmp_path):
-    """A table of rates of SA and RA that someone may have observed."""
-    path = tmp_path / "rates.csv"
-    write_rates(
-        path,
-        [
-            Rate(stimulus, name, rate)
-            for stimulus, both in RATES.items()
-            for name, rate in zip(("SA", "RA"), both, strict=True)
-        ],
-    )
-    return path
+    return write_observed(tmp_path / "rates.csv")
 
 
 @pytest.fixture
@@ -81,11 +85,19 @@ def call(tmp_path, observed, parse):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Put an empty figure in the place of the picture: drawing takes seconds."""
-    from matplotlib.figure import Figure
-
-    from fembridge.plots import tradeoffs
-
     monkeypatch.setattr(tradeoffs, "tradeoffs_figure", lambda run: Figure(figsize=(1, 1)))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The folder of a fit of both classes, `undrawn`, and its table of rates."""
+    folder = tmp_path_factory.mktemp("made")
+    table = write_observed(folder / "rates.csv")
+    words = ["--seed", "5", "--rule", "frequency_response", "-o", str(folder / "out")]
+    with pytest.MonkeyPatch.context() as undrawn:
+        undrawn.setattr(tradeoffs, "tradeoffs_figure", lambda run: Figure(figsize=(1, 1)))
+        assert main(["fit", "--observed", str(table), *SHORT, *words]) == 0
+    return folder
 
 
 def contents(folder):
@@ -118,14 +130,13 @@ def test_a_fit_writes_fronts_parameters_rates_and_a_picture(call, tmp_path, caps
     assert "chosen: candidate 1, smallest RMSE over all 7 stimuli" in streams.out
 
 
-def test_the_file_of_parameters_gives_the_rates_that_are_said(call, tmp_path, undrawn):
+def test_the_file_of_parameters_gives_the_rates_that_are_said(made):
     """Read back, and worked out by the encoder apart from the fit."""
-    call()
-    found = parameter_set(tmp_path / "out/fitted.toml")
+    found = parameter_set(made / "out/fitted.toml")
     assert found.name == "fit"
     assert found.preindent_um == 75.0
     assert found.parameters["PC"] == PUBLISHED["PC"]
-    shown = read_rates(tmp_path / "out/fitted_rates.csv")
+    shown = read_rates(made / "out/fitted_rates.csv")
     assert [(one.stimulus, one.afferent) for one in shown] == [
         (stimulus, name) for name in ("SA", "RA") for stimulus in RATES
     ]
@@ -141,11 +152,10 @@ def test_the_file_of_parameters_gives_the_rates_that_are_said(call, tmp_path, un
     assert max(expected) > 10.0
 
 
-def test_the_chosen_row_of_a_front_has_the_parameters_that_were_written(call, tmp_path, undrawn):
-    call("--rule", "frequency_response")
-    found = record(tmp_path)
+def test_the_chosen_row_of_a_front_has_the_parameters_that_were_written(made):
+    found = record(made)
     for name in ("SA", "RA"):
-        rows = table(tmp_path / f"out/pareto_{name}.csv")
+        rows = table(made / f"out/pareto_{name}.csv")
         [chosen] = [row for row in rows if row["chosen"] == "yes"]
         shown = found["fit"][name]
         assert int(chosen["candidate"]) == shown["candidate"]
@@ -161,20 +171,14 @@ def test_the_chosen_row_of_a_front_has_the_parameters_that_were_written(call, tm
         assert_allclose(float(chosen["rmse_all_ips"]), np.sqrt(weighed), rtol=1e-12)
 
 
-def test_the_record_tells_where_all_came_from_and_no_rate_and_no_path(
-    call, tmp_path, observed, undrawn
-):
-    import hashlib
-
-    call("--seed", "5")
-    shown = record(tmp_path)["fit"]
+def test_the_record_tells_where_all_came_from_and_no_rate_and_no_path(made):
+    shown = record(made)["fit"]
     assert shown["finished"] is True
     assert (shown["seed"], shown["evaluations"], shown["population"]) == (5, 40, 20)
-    assert shown["rule"] == "smallest_error"
-    digest = hashlib.sha256(observed.read_bytes()).hexdigest()
-    assert shown["observed"] == {"file": "rates.csv", "sha256": digest}
-    stored = (FOLDER / "quick.toml").read_bytes()
-    assert shown["response"]["sha256"] == hashlib.sha256(stored).hexdigest()
+    assert shown["rule"] == "frequency_response"
+    sha256 = sha256_of(made / "rates.csv")
+    assert shown["observed"] == {"file": "rates.csv", "sha256": sha256}
+    assert shown["response"]["sha256"] == sha256_of(FOLDER / "quick.toml")
     assert shown["response"]["finger"] == "quick"
     assert {*shown["versions"]} - {"numba"} == {"fembridge", "numpy", "pymoo"}
     counts = shown["SA"]["observed_rates"]
@@ -182,8 +186,8 @@ def test_the_record_tells_where_all_came_from_and_no_rate_and_no_path(
     assert counts["unseen"] == {"5-25 Hz": 1}
     seen = {(row["group"], row["seen"]) for row in shown["RA"]["agreement"]}
     assert {("20 Hz", True), ("5-25 Hz", False)} < seen
-    text = (tmp_path / "out/fitted.toml").read_text(encoding="utf-8")
-    assert str(tmp_path) not in text
+    text = (made / "out/fitted.toml").read_text(encoding="utf-8")
+    assert str(made) not in text
 
 
 def test_the_same_seed_gives_the_same_bytes(call, tmp_path, undrawn):

@@ -24,8 +24,8 @@ STUDY = 'stimuli = "sine_20_250"\nstored = true\n'
 
 
 def columns_of(verb, file):
-    [output] = (one for one in outputs_of(verb) if one.file == file)
-    return [column.name for column in output.columns]
+    _, columns = outputs_of(verb)[file]
+    return [name for name, _, _ in columns]
 
 
 def matches(header, names):
@@ -127,7 +127,7 @@ def test_the_arrays_of_a_simulation_are_those_of_the_page(here):
     assert cli.main(SIMULATE) == 0
     with np.load(here / "out/traces.npz") as arrays:
         assert list(arrays) == columns_of("simulate", "traces.npz")
-    named = {output.file for output in outputs_of("simulate")}
+    named = set(outputs_of("simulate"))
     named -= {"raster.png", "response/", "spikes.npz"}
     assert {path.name for path in (here / "out").iterdir()} == named
 
@@ -136,7 +136,7 @@ def test_the_arrays_of_a_simulation_are_those_of_the_page(here):
 def test_the_tables_of_a_validation_are_those_of_the_page(here):
     words = ["validate", "--observed", "observed.csv", "-o", "out"]
     assert cli.main(words) == 0
-    named = {one.file for one in outputs_of("validate") if one.columns}
+    named = {file for file, (_, columns) in outputs_of("validate").items() if columns}
     assert {path.name for path in (here / "out").glob("*.csv")} == named
     for name in named:
         header = (here / "out" / name).read_text("utf-8").splitlines()[0].split(",")
@@ -155,9 +155,9 @@ def test_the_table_of_a_study_has_the_columns_of_the_page(here):
 def test_the_help_of_a_verb_has_its_outputs(verb, capsys):
     assert cli.main([verb, "--help"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
-    for output in outputs_of(verb):
-        assert f"{output.file}: {output.what}" in shown
-        for name, unit, meaning in output.columns:
+    for file, (what, columns) in outputs_of(verb).items():
+        assert f"{file}: {what}" in shown
+        for name, unit, meaning in columns:
             words = f"{name}{f' ({unit})' if unit else ''}: {meaning}".replace("`", "")
             assert " ".join(words.split()) in shown
 
@@ -166,6 +166,8 @@ def test_every_verb_that_writes_files_is_on_the_page_with_every_row_read():
     page = (ROOT / "fembridge/commands/outputs.md").read_text(encoding="utf-8")
     verbs = re.findall("^## (.*)", page, re.MULTILINE)
     assert sorted(verbs) == sorted(set(cli.VERBS) - {"cache", "doctor"})
-    outputs = [output for verb in verbs for output in outputs_of(verb)]
+    outputs = [output for verb in verbs for output in outputs_of(verb).values()]
     assert len(outputs) == len(re.findall(r"^\*\*", page, re.MULTILINE))
-    assert sum(len(one.columns) for one in outputs) == len(re.findall(r"^\| `", page, re.MULTILINE))
+    assert sum(len(columns) for _, columns in outputs) == len(
+        re.findall(r"^\| `", page, re.MULTILINE)
+    )

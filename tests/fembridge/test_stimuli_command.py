@@ -1,7 +1,6 @@
 """``fembridge stimuli``: the list, and the files it writes."""
 
 import json
-import wave
 
 import numpy as np
 import pytest
@@ -54,22 +53,6 @@ def test_json_lists_all_82_with_numbers_and_the_note(capsys):
         "in_appendix": True,
     } in listed["stimuli"]
     assert "sine_20_12.5" in listed["notes"][0]
-
-
-def test_wav_is_the_displacement_over_the_full_scale_it_tells(tmp_path, capsys):
-    path = tmp_path / "wave.wav"
-    shown = summary(capsys, "--export", "wav", "diharm_10_50_44.46", "-o", str(path))
-    full_scale_um = shown["files"][0]["full_scale_um"]
-    with wave.open(str(path), "rb") as file:
-        assert file.getparams()[:4] == (1, 2, 2000, 501)
-        pcm = np.frombuffer(file.readframes(501), dtype="<i2")
-    assert abs(pcm).max() == 32767
-    assert_allclose(
-        pcm / 32767 * full_scale_um,
-        depth_of("diharm_10_50_44.46"),
-        rtol=0,
-        atol=0.5001 * full_scale_um / 32767,
-    )
 
 
 def test_a_flat_waveform_is_a_silent_wav(tmp_path):

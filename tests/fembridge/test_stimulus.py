@@ -13,43 +13,28 @@ def make(displacement_um=WAVE_UM, dt_ms=0.5, window_ms=(5.0, 250.0), **more):
     return Stimulus("mine", displacement_um, dt_ms, window_ms, **more)
 
 
+WINDOWS_MS = [(-1, 100), (100, 100), (200, 100), (5, 250.5), (np.nan, 100), (5, np.nan)]
+
+
 @pytest.mark.parametrize(
-    ("displacement_um", "message"),
+    ("changed", "message"),
     [
-        ([1.0], r"mine: expected \(T,\), got \(1,\)"),
-        (np.zeros((501, 1)), r"mine: expected \(T,\), got \(501, 1\)"),
-        ([0.0, np.nan, np.inf], "mine: sample 1 is nan"),
+        ({"displacement_um": [1.0]}, r"expected \(T,\), got \(1,\)"),
+        ({"displacement_um": np.zeros((501, 1))}, r"expected \(T,\), got \(501, 1\)"),
+        ({"displacement_um": [0.0, np.nan, np.inf]}, "sample 1 is nan"),
+        *(({"dt_ms": each}, "dt_ms must be > 0") for each in (0.0, -1.0, np.nan, np.inf)),
+        *(({"window_ms": each}, "is not inside 0 to 250 ms") for each in WINDOWS_MS),
+        *(({"preindent_um": each}, "preindent_um must be >= 0") for each in (-1, np.nan, np.inf)),
     ],
 )
-def test_samples_that_are_no_waveform_are_refused(displacement_um, message):
-    with pytest.raises(StimulusError, match=message):
-        make(displacement_um, window_ms=(0.0, 0.5))
-
-
-@pytest.mark.parametrize("dt_ms", [0.0, -1.0, np.nan, np.inf])
-def test_a_step_that_is_no_time_is_refused(dt_ms):
-    with pytest.raises(StimulusError, match="mine: dt_ms must be > 0"):
-        make(dt_ms=dt_ms)
-
-
-@pytest.mark.parametrize(
-    "window_ms",
-    [(-1.0, 100.0), (100.0, 100.0), (200.0, 100.0), (5.0, 250.5), (np.nan, 100.0), (5.0, np.nan)],
-)
-def test_a_window_that_leaves_the_samples_is_refused(window_ms):
-    with pytest.raises(StimulusError, match="is not inside 0 to 250 ms"):
-        make(window_ms=window_ms)
+def test_what_is_no_stimulus_is_refused(changed, message):
+    with pytest.raises(StimulusError, match=f"mine: .*{message}"):
+        make(**changed)
 
 
 def test_a_window_may_end_on_a_last_sample_that_rounding_moved():
     """0.1 ms has no exact float: 3 steps of it end beside 0.3 ms."""
     assert make(np.zeros(4), 0.1, (0.0, 0.3)).window_ms == (0.0, 0.3)
-
-
-@pytest.mark.parametrize("preindent_um", [-1.0, np.nan, np.inf])
-def test_a_preindentation_that_is_no_depth_is_refused(preindent_um):
-    with pytest.raises(StimulusError, match="mine: preindent_um must be >= 0"):
-        make(preindent_um=preindent_um)
 
 
 def test_a_stimulus_keeps_its_own_samples_and_lets_nobody_write():

@@ -9,12 +9,10 @@ from hypothesis import strategies as st
 
 from fembridge.errors import TableError, TraceError
 from fembridge.tables import (
-    Rate,
     SpikeTrain,
     read_rates,
     read_spikes,
     read_traces,
-    write_rates,
     write_spikes,
 )
 from fembridge.trace import StressTrace, Traces
@@ -169,14 +167,6 @@ def test_spikes_in_any_order_come_back_rising_but_not_doubled(table):
     assert line == 4
     assert "line 2" in problem
     assert refusal(read_spikes, table(header + "s,SA,-1,9\n"))[0] == 2
-
-
-def test_rates_come_back_as_they_were(tmp_path):
-    rates = [Rate("sine_20_250", "SA", 49 / 0.245), Rate("sine_20_250", "RA", 0.0)]
-
-    write_rates(tmp_path / "rates.csv", rates)
-
-    assert read_rates(tmp_path / "rates.csv") == rates
 
 
 @pytest.mark.parametrize(
