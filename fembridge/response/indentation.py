@@ -42,7 +42,7 @@ from fembridge.response.response_map import IN_PLANE, MAP_FILE, ResponseMap, wri
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.frd import FrdIndex, values_at
 from fembridge.results.printed import read_node_print
-from fembridge.results.stress import TENSOR, von_mises_pa
+from fembridge.results.stress import clear_shear, von_mises_pa
 from fembridge.run_folder import RunFolder, read_run_folder, read_waveform
 from fembridge.solver.ccx import solve_once
 from fembridge.solver.settings import DEFAULTS, SolverSettings
@@ -451,8 +451,7 @@ def read_pressed(run: RunFolder, times_ms: FloatArray, nodes: Sequence[int]) -> 
             check_times(np.array([one.time_ms for one in blocks]), times_ms, run.results)
             found.append(values_at(file, blocks, nodes))
     tensor_mpa, moved_mm = found
-    on_axis = [node in run.on_axis for node in nodes]  # of a half: without shear
-    tensor_mpa[:, on_axis, TENSOR.index("xy")] = 0.0
+    clear_shear(tensor_mpa, nodes, run.on_axis)
     printed = run.folder / f"{JOB}.dat"
     force_ms, _, total_n = read_node_print(printed, "total force", _PROBE_SET)
     check_times(force_ms, times_ms, printed)

@@ -22,6 +22,7 @@ TIMES_IN_MS = "<!-- fembridge: times in ms -->"  # of our PVD; others' have s
 FIELD_SUFFIXES = (".npz", ".csv")
 
 
+@dataclass(slots=True)
 class Block:
     """A quantity at one output of a file.
 

@@ -21,7 +21,7 @@ What is asked of a file is in `fembridge.results.frd_source`; numbers here are t
 
 import re
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -85,64 +85,73 @@ _UNIT_OF_COMPONENT = {
 _UNIT_OF_MAGNITUDE = {"PDISP": "mm", "PSTRESS": _PA}
 
 
-@dataclass(slots=True)
-class FrdBlock(Block):
-    """One quantity at one increment, and where in the file its records are.
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordForm:
+    """How records are stored: the same at every increment of a quantity.
 
-    `value` is the number that the ``100CL`` line holds: the total time over all steps in s, or
-    the frequency of a mode, or its buckling factor. `stored`
-    are the components (``ALL``, the length of a vector, is announced and not stored);
-    `components` the same, those of `COMPONENTS` in that order, and `order` where each is stored.
-    `free` marks text records of unequal length (exponents of three digits). `modal` marks a
-    mode of a frequency or buckling analysis: its `increment` is the number of the mode.
-
-    Records have `record_bytes` each and, unless
-    they are `free`, reach to `end`; `spans` are the bytes of the values in each line of
-    a text record.
+    `stored` are the components in the file's order (``ALL``, the length of a vector, is
+    announced and not stored); `components` the same, those of `COMPONENTS` in that order, and
+    `order` where each is stored. `spans` are the bytes of the values in each line of a text
+    record.
     """
 
-    name: str
-    step: int
-    increment: int
-    value: float
-    records: int
-    stored: tuple[str, ...]
     flag: int
+    stored: tuple[str, ...]
+    components: tuple[str, ...]
+    units: tuple[str, ...]
+    order: list[int]
+    record_bytes: int
+    spans: list[tuple[int, int]]
+    line_end: int
+
+    @property
+    def is_text(self) -> bool:
+        """Whether its records are lines."""
+        return self.flag < 2
+
+    @property
+    def id_width(self) -> int:
+        """Characters of a node's number in text."""
+        return 10 if self.flag else 5
+
+
+@cache
+def _form(name: str, stored: tuple[str, ...], flag: int, line_end: int) -> RecordForm:
+    usual = [one for one in COMPONENTS.get(name, ()) if one in stored]
+    components = (*usual, *(one for one in stored if one not in usual))
+    record_bytes, spans = 4 + (4 if flag == 2 else 8) * len(stored), []
+    if flag < 2:
+        record_bytes = 0
+        for first in range(0, len(stored), _VALUES_A_LINE):
+            start = record_bytes + _MARK + (10 if flag else 5)
+            stop = start + _FIELD * min(_VALUES_A_LINE, len(stored) - first)
+            spans.append((start, stop))
+            record_bytes = stop + line_end
+    order = [stored.index(one) for one in components]
+    units = _units(name, components)
+    return RecordForm(flag, stored, components, units, order, record_bytes, spans, line_end)
+
+
+@dataclass(slots=True)
+class FrdBlock(Block):
+    """One quantity at one increment, and where in the file its `records` are.
+
+    `value` is the number that the ``100CL`` line holds: the total time over all steps in s, or
+    the frequency of a mode, or its buckling factor. `free` marks text records of unequal length
+    (exponents of three digits), the others reach to `end`. `modal` marks a mode of a frequency
+    or buckling analysis: its increment is the number of the mode.
+    """
+
+    records: int
+    form: RecordForm
     offset: int
-    line_end: int = 1
-    analysis: int = _STATIC
     modal: bool = False
     free: bool = False
-    key: Key = field(init=False)
-    axis: str = field(init=False)
-    components: tuple[str, ...] = field(init=False)
-    units: tuple[str, ...] = field(init=False)
-    order: list[int] = field(init=False)
-    record_bytes: int = field(init=False)
-    end: int = field(init=False)
-    spans: list[tuple[int, int]] = field(init=False)
 
-    def __post_init__(self) -> None:
-        self.key, self.axis = (self.step, self.increment), "number of the analysis"
-        if self.modal:
-            self.axis = "buckling factor" if self.analysis == _BUCKLING else FREQUENCY
-        elif self.analysis in (_STATIC, _DYNAMIC):
-            self.axis = TIME
-        usual = [one for one in COMPONENTS.get(self.name, ()) if one in self.stored]
-        self.components = (*usual, *(one for one in self.stored if one not in usual))
-        self.order = [self.stored.index(one) for one in self.components]
-        self.units = _units(self.name, self.components)
-        self.record_bytes, self.spans = 0, []
-        count = len(self.stored)
-        if self.flag >= 2:
-            self.record_bytes = 4 + (4 if self.flag == 2 else 8) * count
-        else:
-            for first in range(0, count, _VALUES_A_LINE):
-                start = self.record_bytes + _MARK + (10 if self.flag else 5)
-                stop = start + _FIELD * min(_VALUES_A_LINE, count - first)
-                self.spans.append((start, stop))
-                self.record_bytes = stop + self.line_end
-        self.end = self.offset + self.records * self.record_bytes
+    @property
+    def end(self) -> int:
+        """Where its records end, if they are of one length."""
+        return self.offset + self.records * self.form.record_bytes
 
     @property
     def time_ms(self) -> float:
@@ -150,10 +159,10 @@ class FrdBlock(Block):
         return self.value * MS_PER_S
 
     def __str__(self) -> str:
-        if not self.step:  # the node block
+        step, increment = self.key
+        if not step:  # the node block
             return self.name
-        what = "mode" if self.modal else "increment"
-        return f"{self.name} of step {self.step}, {what} {self.increment}"
+        return f"{self.name} of step {step}, {'mode' if self.modal else 'increment'} {increment}"
 
 
 class ElementBlock(NamedTuple):
@@ -335,8 +344,10 @@ class FrdIndex:
             raise FrdDamageError(f"{kind} block: cut: {announced} {kind}s announced", at)
         if kind == "element":
             return self._elements(announced, flag, at, after)
-        names, line_end = ("x", "y", "z"), after - at - len(line)
-        block = FrdBlock("node block", 0, 0, 0.0, announced, names, flag, after, line_end)
+        form = _form("node block", ("x", "y", "z"), flag, after - at - len(line))
+        block = FrdBlock(
+            "node block", (0, 0), TIME, 0.0, form.components, form.units, announced, form, after
+        )
         if text:
             block, end, problem = self._text_end(block)
             if problem:  # the mesh cannot be used, what follows can
@@ -393,16 +404,19 @@ class FrdIndex:
         [flag] = _counts(line, (73, 75))
         [analysis] = _counts(line, (56, 58)) if word else [_STATIC]
         modal = analysis in (_FREQUENCY, _BUCKLING) or line[63:73].strip() == b"MODAL"
+        axis = TIME if analysis in (_STATIC, _DYNAMIC) else "number of the analysis"
         if modal:
             increment = _counts(line, (58, 63))[0] if self._mode is None else self._mode
+            axis = "buckling factor" if analysis == _BUCKLING else FREQUENCY
         if flag > 3:
             raise ValueError(f"format flag {flag}")
         blank = flag < 2 and not line[24:36].strip()
         [records] = [-1] if blank else _counts(line, (24, 36))
         header, name, components, line_end = self._name_lines(after)
+        form = _form(name, components, flag, line_end)
         block = FrdBlock(
-            name, step, increment, float(text), records, components, flag,
-            after + len(header), line_end, analysis, modal,
+            name, (step, increment), axis, float(text), form.components, form.units, records,
+            form, after + len(header), modal,
         )  # fmt: skip
         self._key, end = None, block.end
         if flag < 2:
@@ -447,7 +461,7 @@ class FrdIndex:
 
     def _text_end(self, block: FrdBlock) -> tuple[FrdBlock, int, str]:
         """The block with its count and its kind of records, where it ends, and what is wrong."""
-        closing = b"\n -3\r\n" if block.line_end == 2 else b"\n -3\n"
+        closing = b"\n -3\r\n" if block.form.line_end == 2 else b"\n -3\n"
         if block.records >= 0 and self.file.peek(block.end - 1, len(closing)) == closing:
             return block, block.end - 1 + len(closing), ""
         found = self.file.find(b"\n -3", block.offset - 1)
@@ -469,7 +483,7 @@ class FrdIndex:
 
     def _cut(self, block: FrdBlock, begun: int) -> FrdDamageError:
         """The damage of a block that the file ends in, after `begun` records at most."""
-        whole = min((self.size - block.offset) // block.record_bytes, begun)
+        whole = min((self.size - block.offset) // block.form.record_bytes, begun)
         of = "" if block.records < 0 else f"{block.records} "
         words = f"{block} is cut at byte {self.size}, after {whole} of {of}records"
         return FrdDamageError(words, self.size, block, whole)
@@ -486,7 +500,7 @@ def node_ids(file: ByteFile, block: FrdBlock) -> IntArray:
         return irregular_records(file, block)[0]
     if not block.records:
         return np.empty(0, dtype=np.int64)
-    step = max(1, 4 * CHUNK_BYTES // block.record_bytes)
+    step = max(1, 4 * CHUNK_BYTES // block.form.record_bytes)
     return np.concatenate(
         [
             record_ids(file.path, [block], characters_of(file, block, first, step), first)
@@ -505,18 +519,18 @@ def block_table(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatArray]:
         nodes, values = irregular_records(file, block)
     else:
         nodes = np.empty(block.records, dtype=np.int64)
-        values = np.empty((block.records, len(block.stored)), dtype=np.float64)
-        step = max(1, _TEXT_BYTES // block.record_bytes)
+        values = np.empty((block.records, len(block.form.stored)), dtype=np.float64)
+        step = max(1, _TEXT_BYTES // block.form.record_bytes)
         for at in range(0, block.records, step):
             characters = characters_of(file, block, at, step)
             nodes[at : at + step] = record_ids(file.path, [block], characters, at)
             values[at : at + step] = record_values(file.path, [block], characters)
-    return nodes, values if block.components == block.stored else values[:, block.order]
+    return nodes, values if block.components == block.form.stored else values[:, block.form.order]
 
 
 def characters_of(file: ByteFile, block: FrdBlock, first: int, most: int) -> Characters:
     """The bytes of at most `most` records from number `first` on, ``(record, byte)``."""
-    count, length = min(most, block.records - first), block.record_bytes
+    count, length = min(most, block.records - first), block.form.record_bytes
     raw = file.take(block.offset + first * length, count * length)
     return np.frombuffer(raw, dtype=np.uint8).reshape(count, length)
 
@@ -528,24 +542,25 @@ def record_ids(
 
     `first` is the number of the first record in its block.
     """
-    block = blocks[0]
-    if block.flag >= 2:
+    form = blocks[0].form
+    if not form.is_text:
         ids: IntArray = np.ascontiguousarray(characters[:, :4]).view("<i4")[:, 0].astype(np.int64)
         fine: BoolArray = ids > 0
     else:
-        width, mark = 10 if block.flag else 5, b" -1"
+        width, mark = form.id_width, b" -1"
         ids, fine = fixed_integers(characters[:, _MARK : _MARK + width])
-        for start, end in block.spans:
+        for start, end in form.spans:
             for place, character in enumerate(mark, start=start - width - _MARK):
                 fine &= characters[:, place] == character
-            fine &= characters[:, end + block.line_end - 1] == ord("\n")
+            fine &= characters[:, end + form.line_end - 1] == ord("\n")
             mark = b" -2"  # on every line but the first
     if not fine.all():
         row = int(np.argmin(fine))
         which, number = divmod(row, len(characters) // len(blocks))
         raise ResultError(
-            f"{blocks[which]}: record {first + number + 1} of {block.records} begins with "
-            f"{characters[row, : _MARK + 10].tobytes()!r}, or is not as long as the others",
+            f"{blocks[which]}: record {first + number + 1} of {blocks[which].records} "
+            f"begins with {characters[row, : _MARK + 10].tobytes()!r}, or is not as long as the "
+            "others",
             path,
         )
     return ids
@@ -553,21 +568,21 @@ def record_ids(
 
 def record_values(path: Path, blocks: Sequence[FrdBlock], characters: Characters) -> FloatArray:
     """Values, ``(record, component)``, as the file has them: float32 stays so."""
-    block, count = blocks[0], len(blocks[0].stored)
-    if block.flag >= 2:
+    form, count = blocks[0].form, len(blocks[0].form.stored)
+    if not form.is_text:
         # Copied as one void: faster than value by value.
-        packed = np.dtype([("node", "<i4"), ("values", f"V{block.record_bytes - 4}")])
+        packed = np.dtype([("node", "<i4"), ("values", f"V{form.record_bytes - 4}")])
         voids = characters.reshape(-1).view(packed)["values"]
-        packed_values: FloatArray = np.ascontiguousarray(voids).view(_REALS[block.flag])
+        packed_values: FloatArray = np.ascontiguousarray(voids).view(_REALS[form.flag])
         return packed_values.reshape(-1, count)
-    fields = np.concatenate([characters[:, start:end] for start, end in block.spans], axis=1)
+    fields = np.concatenate([characters[:, start:end] for start, end in form.spans], axis=1)
     try:
         return _floats(fields.reshape(-1, count, _FIELD))
     except ValueError as error:
         row, column, problem = error.args
-        node = record_ids(path, [block], characters[row : row + 1])[0]
+        node = record_ids(path, blocks[:1], characters[row : row + 1])[0]
         block = blocks[row * len(blocks) // len(characters)]
-        where = f"{block}, node {node}, {block.stored[column]}"
+        where = f"{block}, node {node}, {form.stored[column]}"
         raise ResultError(f"{where}: {problem}", path) from error
 
 
@@ -585,7 +600,7 @@ def irregular_records(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatA
         rb"(?: *[+-]?\d\.\d{5}[Ee][+-](?:\d{3}(?!\.)|\d{2})"
         rb"| *[+-]?(?:1\.#[A-Za-z]+|[Nn][Aa][Nn]|[Ii][Nn][Ff](?:inity)?))"
     )
-    width, count, record = 10 if block.flag else 5, len(block.stored), b""
+    width, count, record = block.form.id_width, len(block.form.stored), b""
     for first in range(0, count, _VALUES_A_LINE):
         record += b" -2" + b" " * width if first else b" -1([ 0-9]{%d})" % width
         record += number_field + b"{%d} *\r?\n" % min(_VALUES_A_LINE, count - first)
@@ -731,13 +746,13 @@ def values_at(file: ByteFile, blocks: Sequence[FrdBlock], nodes: Sequence[int]) 
     values = np.empty((len(blocks), wanted.size, len(blocks[0].components)))
     rows = np.empty(0, dtype=np.int64)
     heads = np.empty((0, 0), dtype=np.uint8)
-    form: tuple[object, ...] = ()
-    by_form: dict[tuple[object, ...], list[tuple[int, Characters]]] = {}
+    form: RecordForm | None = None
+    by_form: dict[RecordForm, list[tuple[int, Characters]]] = {}
     for at, block in enumerate(blocks):
-        before, form = form, (block.flag, block.record_bytes, block.stored, block.free)
-        head = 4 if block.flag >= 2 else block.spans[0][0]
+        before, form = form, block.form
+        head = form.spans[0][0] if form.is_text else 4
         found = None
-        if form == before and not block.free and rows.max() < block.records:
+        if form is before and not block.free and rows.max() < block.records:
             found = _gather(file, block, rows)
         if found is None or not np.array_equal(found[:, :head], heads):
             ids = node_ids(file, block)
@@ -745,7 +760,7 @@ def values_at(file: ByteFile, blocks: Sequence[FrdBlock], nodes: Sequence[int]) 
             if (rows < 0).any():
                 _refuse_absent(file.path, block, ids, wanted[int(np.argmin(rows))])
             if block.free:
-                values[at] = irregular_records(file, block)[1][rows][:, block.order]
+                values[at] = irregular_records(file, block)[1][rows][:, block.form.order]
                 continue
             found = _gather(file, block, rows)
             heads = found[:, :head]
@@ -756,7 +771,7 @@ def values_at(file: ByteFile, blocks: Sequence[FrdBlock], nodes: Sequence[int]) 
         characters = np.concatenate(tables)
         if (record_ids(file.path, of, characters) != np.tile(wanted, len(of))).any():
             raise ResultError(f"{of[0]}: records changed while read", file.path)
-        found_values = record_values(file.path, of, characters)[:, of[0].order]
+        found_values = record_values(file.path, of, characters)[:, of[0].form.order]
         values[list(places)] = found_values.reshape(len(of), wanted.size, -1)
     return values
 
@@ -764,8 +779,8 @@ def values_at(file: ByteFile, blocks: Sequence[FrdBlock], nodes: Sequence[int]) 
 def _gather(file: ByteFile, block: FrdBlock, rows: IntArray) -> Characters:
     """The records at `rows`, in that order, ``(record, byte)``."""
     first, last = int(rows.min()), int(rows.max())
-    if (last - first + 1) * block.record_bytes <= max(
-        _SEEK_BYTES, 4 * rows.size * block.record_bytes
+    if (last - first + 1) * block.form.record_bytes <= max(
+        _SEEK_BYTES, 4 * rows.size * block.form.record_bytes
     ):
         return characters_of(file, block, first, last - first + 1)[rows - first]
     return np.concatenate([characters_of(file, block, row, 1) for row in rows.tolist()])

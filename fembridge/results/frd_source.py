@@ -37,7 +37,7 @@ from fembridge.results.frd import (
 from fembridge.results.history import OF_STRESS, name_in, printed_digit_ms
 from fembridge.results.readers import ReadOptions
 from fembridge.results.source import FieldSource, Span, check_finite, field_of
-from fembridge.results.stress import OneSidedStress
+from fembridge.results.stress import OneSidedStress, clear_shear
 from fembridge.trace import MS_PER_S
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
@@ -73,10 +73,9 @@ class FrdSource(FieldSource[FrdBlock]):
         storage = ("ASCII", "ASCII", "float32", "float64")
         quantities = []
         for name in index.names:
-            blocks = index.named(name)
-            quantities.append(
-                self.quantity_table(name, blocks, self._span(blocks[0]), storage[blocks[0].flag])
-            )
+            first, *_ = blocks = index.named(name)
+            kind = storage[first.form.flag]
+            quantities.append(self.quantity_table(name, blocks, self._span(first), kind))
         return {
             "format": "ccx-frd",
             "bytes": index.size,
@@ -222,7 +221,7 @@ class FrdSource(FieldSource[FrdBlock]):
         """Values of one quantity, ``(T, node, component)``; stress inside one material."""
         values = values_at(self.file, blocks, nodes)
         if blocks[0].name == STRESS:
-            inside = self._inside(blocks[0], nodes, values)
+            inside = self._inside(nodes, values)
             if not inside.all():
                 node, names = nodes[int(np.argmin(inside))], self._index.materials
                 met = materials_at(self._index, [node])[:, 1].tolist()
@@ -242,7 +241,7 @@ class FrdSource(FieldSource[FrdBlock]):
         nodes, values = super().everywhere(blocks)
         if blocks[0].name != STRESS:
             return nodes, values
-        inside = self._inside(blocks[0], nodes.tolist(), values)
+        inside = self._inside(nodes.tolist(), values)
         if not inside.any():
             raise ResultError("no node with stress lies inside one material", self.path)
         if inside.all():
@@ -253,7 +252,7 @@ class FrdSource(FieldSource[FrdBlock]):
         )
         return nodes[inside], values[:, inside]
 
-    def _inside(self, block: FrdBlock, nodes: Sequence[int], values: FloatArray) -> BoolArray:
+    def _inside(self, nodes: Sequence[int], values: FloatArray) -> BoolArray:
         """Which of `nodes` are inside one material, or are taken so.
 
         Of the stress there, `values`, is made what the model says: the sum over branches of
@@ -264,8 +263,7 @@ class FrdSource(FieldSource[FrdBlock]):
         if options.branches:
             values *= branches[:, None]
         if options.on_axis:
-            on_axis = [node in options.on_axis for node in nodes]
-            values[:, on_axis, block.components.index("SXY")] = 0.0
+            clear_shear(values, nodes, options.on_axis)
         if options.across_materials:
             return np.ones(len(nodes), dtype=np.bool_)
         held, met = np.unique(materials_at(self._index, nodes)[:, 0], return_counts=True)

@@ -28,7 +28,7 @@ import numpy as np
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.extrapolation import UNKNOWN_LAYERS, MeshPoints
-from fembridge.results.fields import Block, Field, Key, Scene, rows_of
+from fembridge.results.fields import Block, Field, Scene, rows_of
 from fembridge.results.history import (
     FREQUENCY,
     OF_STRESS,
@@ -193,12 +193,6 @@ class MarcBlock(Block):
 
     one: PostIncrement
     quantity: Quantity
-    name: str
-    key: Key
-    axis: str
-    value: float
-    components: tuple[str, ...]
-    units: tuple[str, ...]
 
     @classmethod
     def of(cls, one: PostIncrement, quantity: Quantity, mises: bool = False) -> "MarcBlock":
@@ -209,7 +203,7 @@ class MarcBlock(Block):
             name, components = VON_MISES, ("von_mises",)
         units = (quantity.unit,) * len(components)
         key = one.sub_increment, one.increment
-        return cls(one, quantity, name, key, *over, components, units)
+        return cls(name, key, *over, components, units, one, quantity)
 
     def __str__(self) -> str:
         return f"{self.name} of increment {self.one.increment}"

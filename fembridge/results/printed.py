@@ -15,11 +15,10 @@ other. Tensors are printed xx yy zz xy xz yz and leave here in the order of the 
 xx yy zz xy yz zx.
 """
 
-import csv
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice, pairwise
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +35,7 @@ from fembridge.results.byte_file import (
 from fembridge.results.history import History
 from fembridge.results.readers import PRINTS, ReadOptions, in_pa
 from fembridge.results.status import fortran, status_rows
-from fembridge.store import replacing
+from fembridge.tables import write_table
 from fembridge.trace import MS_PER_S
 from fembridge.typing import FloatArray, IntArray, Table
 
@@ -72,7 +71,7 @@ _PARTS_OF_STATISTICS = {
     "area": ("area", "normal force", "shear force", "torque", "bending moment"),
 }
 _LONGEST_HEADER = 400
-_VALUE_WIDTH, _ROWS_AT_ONCE = 14, 1 << 12
+_VALUE_WIDTH = 14
 _LONGEST_LABEL = 18
 _VALUE = re.compile(r" +[+-]?\d?\.\d+(E[+-]\d{2}|[+-]\d{3})")
 _ODD_VALUE = re.compile(r" +[+-]?(nan|inf|infinity)", re.IGNORECASE)
@@ -450,17 +449,18 @@ def write_print_table(
     path: Path, output: Path, options: ReadOptions, quantity: str | None = None
 ) -> tuple[tuple[str, ...], int]:
     """Write `print_rows` as CSV to `output`; its columns and the count of rows."""
-    count, rows = 0, print_rows(path, options, quantity)
-    columns = tuple(map(str, next(rows)))
-    with replacing(output) as draft, draft.open("w", newline="") as out:
-        writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(columns)
-        while some := list(islice(rows, _ROWS_AT_ONCE)):
-            writer.writerows(some)
-            count += len(some)
+    rows = print_rows(path, options, quantity)
+    columns, count = tuple(map(str, next(rows))), 0
+
+    def counted() -> Iterator[Row]:
+        nonlocal count
+        for count, row in enumerate(rows, start=1):  # noqa: B007 - the last is taken
+            yield row
         if not count:
             words = "no rows" if quantity is None else f"no {quantity} in it"
             raise ResultError(f"{words}: there is nothing to write", path)
+
+    write_table(output, columns, counted())
     return columns, count
 
 

@@ -66,8 +66,7 @@ class ReadOptions:
     `branches` says of nodes in relaxing skin how many branches their stress is the
     sum of: a ``.frd`` holds the mean, over elements of that many materials.
 
-    `on_axis` are nodes on the axis of a half of a section. There is no shear in it:
-    what a ``.frd`` holds is the mean over one half, and the other has the other sign.
+    `on_axis` are nodes on the axis of a half of a section, where there is no shear.
 
     `classes` are those of the nodes at which the run's afferents sit.
 

@@ -10,7 +10,7 @@ CalculiX prints them (measured: a shear u = 0.002 y gives EXY 0.001, and the ene
 below then is the ENER of the same file).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -118,6 +118,15 @@ def strain_energy_density_pa(tensor_pa: FloatArray, strain: FloatArray) -> Float
     normal = product[..., :_NORMAL].sum(axis=-1)
     energy: FloatArray = 0.5 * normal + product[..., _NORMAL:].sum(axis=-1)
     return energy
+
+
+def clear_shear(tensor: FloatArray, nodes: Sequence[int], on_axis: Collection[int]) -> None:
+    """Put 0 for the shear xy of ``(T, node, 6)`` at those of `nodes` that are `on_axis`.
+
+    On the axis of half a section there is none; a solver's value is the mean over one half,
+    and the other has the other sign.
+    """
+    tensor[:, [node in on_axis for node in nodes], TENSOR.index("xy")] = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

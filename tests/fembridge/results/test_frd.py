@@ -53,9 +53,7 @@ def test_the_index_lists_what_another_reader_listed(name):
     index, expected = index_of(SAMPLES / name), EXPECTED[name]
     found = [(block, block.records) for block in index.blocks]
     found += [(harm.block, harm.records) for harm in index.damage if harm.block]
-    rows = [
-        [b.name, b.step, b.increment, records, len(b.components), b.flag] for b, records in found
-    ]
+    rows = [[b.name, *b.key, records, len(b.components), b.form.flag] for b, records in found]
     assert rows == [[row[0], *row[2:]] for row in expected["datasets"]]
     times_s = [row[1] for row in expected["datasets"]]
     assert_allclose([b.time_ms / 1e3 for b, _ in found], times_s, rtol=1e-12)
