@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fembridge.errors import TableError, UsageError
@@ -143,6 +143,7 @@ def fingers(value, *answers, outputs=(RATE, STRESS)):
     return SweptFingers(value, pd.DataFrame(np.stack(answers, axis=1), columns=columns))
 
 
+@settings(settings.get_profile("costly"))
 @given(slopes=st.lists(st.floats(-5, 5), min_size=2, max_size=5), half=st.floats(0.01, 0.5))
 def test_the_change_of_a_linear_answer_is_slope_times_range(slopes, half):
     base = {f"p{k}": 1.0 for k in range(len(slopes))}
@@ -162,6 +163,7 @@ def test_the_change_of_a_linear_answer_is_slope_times_range(slopes, half):
             assert effect.change_percent == pytest.approx(100 * effect.change / answers[0])
 
 
+@settings(settings.get_profile("costly"))
 @given(order=st.permutations(range(5)))
 def test_the_base_is_found_wherever_its_row_stands(order):
     rows = one_at_a_time({"p": 1.0, "q": 1.0}, {"p": Range(0, 2), "q": Range(0, 2)})
@@ -245,6 +247,7 @@ def test_an_answer_that_is_its_causes_ranks_has_the_coefficients_of_the_plane():
     np.testing.assert_allclose(fit[["r_squared", "adjusted_r_squared"]], 1)
 
 
+@settings(settings.get_profile("costly"))
 @given(seed=st.integers(0, 2**32 - 1))
 def test_it_is_least_squares_of_standardised_ranks(seed):
     """A plain loop beside the fast path: ranks with ties shared, then lstsq."""

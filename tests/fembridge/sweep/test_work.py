@@ -52,20 +52,21 @@ def item(**changes):
 
 
 def test_all_stimuli_share_the_map_and_each_has_its_transient():
-    plan = plan_of(study("all", methods=("map", "transient")), CCX)
+    plan = plan_of(study("sine_20,noise_25_250", methods=("map", "transient")), CCX)
+    count = len(resolve("sine_20,noise_25_250"))
 
     methods = [each.method for each in plan.items.values()]
     assert methods.count("map") == 1
-    assert methods.count("transient") == 82
-    assert len(plan.rows) == 164 * 3
+    assert methods.count("transient") == count
+    assert len(plan.rows) == 2 * count * 3
     assert len({each.response.key for each in plan.items.values()}) == 1
-    assert len({each.solve_place for each in plan.items.values()}) == 83
+    assert len({each.solve_place for each in plan.items.values()}) == count + 1
 
 
 def test_two_sets_of_cells_and_two_choices_of_stimuli_read_one_solve():
-    one = study("sine", methods=("map", "transient"))
+    one = study("sine_20", methods=("map", "transient"))
     other = study(
-        "sine,noise",
+        "sine_20,noise_25_250",
         methods=("map", "transient"),
         parameters=parameter_set("published"),
         preindents_um=(75.0,),
