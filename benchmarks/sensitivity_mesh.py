@@ -17,7 +17,7 @@ from pathlib import Path
 
 from decks.finger import Finger, Resolution
 from decks.presets import QUICK, model_of
-from fembridge.report.runs import Runs, indent
+from fembridge.report.study import Runs, indent
 from fembridge.sensitivity import parameter_words
 from fembridge.sweeps import Variant, read_study
 from fembridge.words import number

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         validate,
     )
     from fembridge.errors import FembridgeError
+    from fembridge.evidence import touchsim_rates as touchsim_rates
     from fembridge.observed import read_observed as read_observed
     from fembridge.recording import Recording as Recording
     from fembridge.response.response_map import ResponseMap as ResponseMap
@@ -46,7 +47,6 @@ if TYPE_CHECKING:
     from fembridge.touching.population import Population as Population
     from fembridge.touching.shape import Shape as Shape
     from fembridge.touching.touch import touch
-    from fembridge.touchsim import touchsim_rates as touchsim_rates
     from fembridge.trace import StressTrace
 
 __version__ = "0.1.0"
@@ -101,7 +101,7 @@ _HOMES = {
     **dict.fromkeys(("read", "read_fields", "read_history"), "fembridge.results"),
     "read_observed": "fembridge.observed",
     "resolve": "decks.stimuli",
-    "touchsim_rates": "fembridge.touchsim",
+    "touchsim_rates": "fembridge.evidence",
     "write_vtu_series": "fembridge.results.vtu",
 }
 

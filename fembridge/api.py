@@ -631,8 +631,8 @@ def fit(
     }
     run = replace(run, provenance=fitting.fit_table(run, rates, source, options))
     if output is not None:
+        from fembridge.plots.fit import tradeoffs_figure
         from fembridge.plots.style import save_figure
-        from fembridge.plots.tradeoffs import tradeoffs_figure
 
         with filling(Path(output), last=fitting.PARAMETERS_FILE) as draft:
             fitting.write_fit(draft, run, f"fit_{drive}" if drive else "fit")

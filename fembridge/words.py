@@ -1,7 +1,8 @@
-"""Numbers and tables as people read them, on pages and in Markdown."""
+"""Numbers, tables and pages as people read them, in HTML and in Markdown."""
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -34,3 +35,26 @@ def markdown(words: "DataFrame") -> str:
     """A table of words, without its index."""
     head, *body = (f"| {' | '.join(line)} |" for line in [[*words], *words.itertuples(index=False)])
     return "\n".join([head, "|" + "---|" * words.shape[1], *body])
+
+
+def rendered(
+    template: str,
+    filters: Mapping[str, Callable[..., Any]],
+    **values: Any,  # noqa: ANN401 - a template takes anything
+) -> str:
+    """Text of a template of `fembridge.report`; a name that it has not been given is an error.
+
+    In HTML values are escaped.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("fembridge.report", "."),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=".html" in template,
+    )
+    environment.filters |= {"number": number, "worded": worded, **filters}
+    return environment.get_template(template).render(values)

@@ -20,7 +20,7 @@ WANTED = (
     "decks/plane.inp.j2",
     "fembridge/response/maps/quick.toml",
     "fembridge/response/maps/paper.toml",
-    "fembridge/touchsim/rates.csv",
+    "fembridge/evidence/touchsim/rates.csv",
     "fembridge/report/style.css",
     "fembridge/report/validation.html.j2",
     "fembridge/report/verification.md.j2",

@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     import numpy as np
 
     from fembridge.errors import UsageError
-    from fembridge.plots.deflection import deflection_figure
+    from fembridge.plots.response import deflection_figure
     from fembridge.plots.style import save_figure
     from fembridge.response.deflection import convergence, stored_deflection, stored_deflections
     from fembridge.store import check_output, filling

@@ -359,11 +359,11 @@ def _as_recorded(args: argparse.Namespace, stimulus: "Stimulus", path: Path) -> 
 
 
 def _rates(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
+    from fembridge.evidence import touchsim_rates
     from fembridge.observed import read_observed
     from fembridge.plots.rates import placed, rates_figure
     from fembridge.simulation import RATES_FILE, find_file
     from fembridge.sweeps.sweep import RESULTS_FILE
-    from fembridge.touchsim import touchsim_rates
 
     made_by = "simulate, encode and sweep leave it"
     path = find_file(args.table, (RATES_FILE, RESULTS_FILE), made_by)

@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.fitting import study as studies
     from fembridge.fitting.problem import stored_source
     from fembridge.observed import read_observed
-    from fembridge.plots.study import study_figure
+    from fembridge.plots.fit import study_figure
     from fembridge.plots.style import save_figure
     from fembridge.store import check_output, filling, write_text
 

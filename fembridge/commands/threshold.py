@@ -66,8 +66,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from fembridge import api
     from fembridge.evidence import THRESHOLDS, read_evidence
+    from fembridge.plots.rates import thresholds_figure
     from fembridge.plots.style import save_figure
-    from fembridge.plots.thresholds import thresholds_figure
     from fembridge.store import filling
     from fembridge.tables import write_table
 

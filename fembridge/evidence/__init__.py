@@ -9,6 +9,9 @@ stands in the place of a set with `read_evidence`. The sets are
 ``impulses_a_cycle_johansson_1982``   afferent, frequency_hz, amplitude_um, impulses_per_cycle
 ``distance_johnson_1974``             distance_mm, amplitude_um
 ``ramp_and_hold``                     afferent, fact, source
+
+Beside them are the rates of TouchSim under the 82 stimuli: no evidence but a model, to set
+one's own beside. What made ``touchsim/rates.csv`` is in the ``README.md`` there.
 """
 
 from dataclasses import dataclass
@@ -16,8 +19,11 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from decks.stimuli import resolve
 from fembridge.errors import UsageError
-from fembridge.tables import AFFERENTS, read_table
+from fembridge.tables import AFFERENTS, Rate, read_table
 
 if TYPE_CHECKING:
     import pandas
@@ -36,6 +42,10 @@ TIMING_COLUMNS = (
     "strength_f",
     "strength_2f",
 )
+TOUCHSIM_TABLE = FOLDER / "touchsim/rates.csv"
+TOUCHSIM_MODELS = {"SA": 4, "RA": 9, "PC": 4}
+"""Afferents of each class that TouchSim has models of; a rate is their mean."""
+
 _CHOICES = {"afferent": AFFERENTS, "criterion": CRITERIA}
 _LEAST = {"frequency_hz": 2.0, "amplitude_um": 0.01}
 
@@ -92,6 +102,40 @@ def published_timing() -> "pandas.DataFrame":
     table = evidence(TIMING).assign(frequency_hz=20.0)
     names = {"vector_strength_20hz": "strength_f", "vector_strength_40hz": "strength_2f"}
     return table.rename(columns=names)[list(TIMING_COLUMNS)]
+
+
+def touchsim_rates(preindent_um: float = 0.0, *, whole_second: bool = False) -> list[Rate]:
+    """TouchSim's rates under all 82 stimuli, in the order of the catalogue.
+
+    Parameters
+    ----------
+    preindent_um
+        Depth of the probe before the vibration, 0 or 500.
+    whole_second
+        Count the spikes of a second, not of the stimulus' own window. By default a
+        rate is from a window as long as the observed one: 245 or 100 ms.
+
+    Returns
+    -------
+    list of Rate
+        SA, RA and PC of the first stimulus, then of the next; rates in impulses a
+        second.
+
+    Raises
+    ------
+    UsageError
+        Nothing was computed for that depth.
+    """
+    table = read_table(TOUCHSIM_TABLE)
+    depth_um, window_ms = table.numbers("preindent_um"), table.numbers("window_ms")
+    if preindent_um not in depth_um:
+        raise UsageError(f"preindent_um is {preindent_um:g}, TouchSim's is 0 or 500")
+    stimuli = table.column("stimulus")
+    own_ms = {name: np.ptp(resolve(name)[0].window_ms) for name in dict.fromkeys(stimuli)}
+    wanted_ms = 1000.0 if whole_second else [own_ms[name] for name in stimuli]
+    table = table.where((depth_um == preindent_um) & (window_ms == wanted_ms))
+    columns = table.column("stimulus"), table.column("afferent"), table.numbers("rate_ips").tolist()
+    return [Rate(*row) for row in zip(*columns, strict=True)]
 
 
 def citation(name: str) -> str:

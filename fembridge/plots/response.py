@@ -1,11 +1,25 @@
-"""A response map: stress at the afferents, and the probe's force, against depth."""
+"""What the pressed skin does: stress and force against depth, its profile under a thin probe."""
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fembridge.plots.style import class_style, dots, in_style, new_figure, note, spread
+from fembridge.errors import UsageError
+from fembridge.plots.style import (
+    FAINT,
+    HAIR_PT,
+    INK,
+    LINE_PT,
+    class_style,
+    dots,
+    in_style,
+    new_figure,
+    note,
+    spread,
+)
+from fembridge.response.deflection import PAPER_STEP_MM, Deflection
 from fembridge.response.response_map import ResponseMap
 from fembridge.results.stress import von_mises_pa
 
@@ -14,7 +28,7 @@ if TYPE_CHECKING:
 
 _HEIGHT_IN = 2.15
 _POINTS = 301
-_PA_PER_KPA, _MN_PER_N = 1000.0, 1000.0
+_PA_PER_KPA, _MN_PER_N, _UM_PER_MM = 1000.0, 1000.0, 1000.0
 _DOT_PT = 2.6
 # A closure below this is shown as this: rounding is no property of a contact.
 _LEAST_PERCENT = 0.01
@@ -23,6 +37,23 @@ _NAME_SHARE = 0.09
 
 # Their stress is tens of times smaller than the others': a scale of its own.
 _DEEP = ("PC",)
+
+# Of the profile.
+MOST_MESHES = 5
+
+_PROFILE_IN = 2.5
+# From the coarsest mesh to the finest, which is black and whole.
+_STYLES: tuple[dict[str, Any], ...] = tuple(
+    {"color": colour, "dashes": dashes, "linewidth": 1.4 * LINE_PT, "zorder": 3}
+    for colour, dashes in (
+        ("#E69F00", (1, 1.2)),
+        ("#56B4E9", (4, 1.5)),
+        ("#009E73", (6, 1.5, 1, 1.5)),
+        ("#CC79A7", (2, 1)),
+    )
+)
+_PROFILE_DOT_PT = 3.2
+_ROOM_SHARE = 1.08
 
 
 @in_style
@@ -75,3 +106,55 @@ def closure_text(response: ResponseMap) -> str:
         "Unloading came back to the stress of loading within "
         f"{percent:.2g} % at every depth compared."
     )
+
+
+@in_style
+def deflection_figure(deflections: Sequence[Deflection]) -> "Figure":
+    """The skin's profile on every mesh, with dots every 0.5 mm as in the paper.
+
+    In the middle how each mesh differs from the finest, where there are two or more;
+    right the force on the probe on its way down.
+
+    Raises
+    ------
+    UsageError
+        No profile or more than five.
+    """
+    if not 0 < len(deflections) <= MOST_MESHES:
+        raise UsageError(f"{len(deflections)} profiles, expected 1 to {MOST_MESHES} in one picture")
+    meshes = sorted(deflections, key=lambda deflection: deflection.elements)
+    finest = meshes[-1]
+    styles = [*_STYLES[: len(meshes) - 1], {"color": INK}]
+    last_mm = min(float(mesh.distance_mm[-1]) for mesh in meshes)
+    paper_mm = np.arange(0.0, last_mm + 1e-9, PAPER_STEP_MM)
+    widths = (1.5, 1.0, 1.0) if len(meshes) > 1 else (1.5, 1.0)
+    figure, [[profile, *differences, force]] = new_figure(
+        _PROFILE_IN, columns=len(widths), widths=widths
+    )
+    figure.set_layout_engine("constrained", wspace=0.06)
+
+    profile.axhline(0.0, color=FAINT, linewidth=HAIR_PT)
+    for mesh, style in zip(meshes, styles, strict=True):
+        count = f"{mesh.elements:,}".replace(",", "\N{NO-BREAK SPACE}")
+        label = f"{mesh.name}, {count} elements"
+        profile.plot(mesh.distance_mm, mesh.deflection_mm, label=label, **style)
+        force.plot(mesh.loading_mm, _MN_PER_N * mesh.loading_n_per_mm, **style)
+    style = dots(INK, _PROFILE_DOT_PT, clip_on=False, label=f"every {PAPER_STEP_MM:g} mm")
+    profile.plot(paper_mm, finest.at(paper_mm), **style)
+    deepest_mm = max(float(mesh.deflection_mm.max()) for mesh in meshes)
+    profile.set_ylim(_ROOM_SHARE * deepest_mm, -0.02 * deepest_mm)
+    profile.set_ylabel("Deflection (mm)")
+    profile.legend(loc="lower right", handlelength=2.6)
+
+    for panel in differences:
+        panel.axhline(0.0)
+        for mesh, style in zip(meshes[:-1], styles, strict=False):
+            here_mm = mesh.distance_mm[mesh.distance_mm <= last_mm]
+            panel.plot(here_mm, _UM_PER_MM * (mesh.at(here_mm) - finest.at(here_mm)), **style)
+        panel.set_ylabel(f"Difference from {finest.name} (µm)")
+    for panel in (profile, *differences):
+        panel.set(xlim=(0.0, paper_mm[-1]), xlabel="Distance from the probe (mm)")
+    force.set_xlim(0.0, max(mesh.depth_mm for mesh in meshes))
+    force.set_ylim(bottom=0.0)
+    force.set(xlabel="Depth of the probe (mm)", ylabel="Force on the probe (mN/mm)")
+    return figure

@@ -33,11 +33,11 @@ from decks.mesh import Mesh
 from decks.motion import motion_of
 from decks.presets import QUICK
 from decks.probe import ProbeMesh
-from fembridge.report.runs import Runs
 from fembridge.report.study import (
     AT_LEAST,
     Check,
     Finding,
+    Runs,
     exact,
     extrapolated,
     finish,

@@ -23,10 +23,20 @@ from decks.finger import TABLE_1, AfferentSite, Material
 from decks.presets import QUICK, model_of
 from fembridge.report.mesh_convergence import LIMIT_KPA, member
 from fembridge.report.plane import PRINTED, PlaneProblem
-from fembridge.report.runs import AFFERENTS, DEPTH_UM, Runs, down, indent
-from fembridge.report.study import Check, Finding, finish, line, panels
+from fembridge.report.study import (
+    DEPTH_UM,
+    Check,
+    Finding,
+    Runs,
+    down,
+    finish,
+    indent,
+    line,
+    panels,
+)
 from fembridge.results.printed import read_point_stress
 from fembridge.results.stress import von_mises_pa
+from fembridge.tables import AFFERENTS
 from fembridge.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:

@@ -18,8 +18,18 @@ from decks.presets import PRESETS, model_of
 from decks.stimuli import CATALOGUE, resolve
 from decks.waveform import make_stimulus
 from fembridge.errors import ResponseError
-from fembridge.report.runs import Attempt, Cost, Runs
-from fembridge.report.study import AT_LEAST, Check, Finding, finish, line, off_percent, panels
+from fembridge.report.study import (
+    AT_LEAST,
+    Attempt,
+    Check,
+    Cost,
+    Finding,
+    Runs,
+    finish,
+    line,
+    off_percent,
+    panels,
+)
 from fembridge.response.indentation import CONTACT_CAUSES, LADDER, indentation, measured_response
 from fembridge.response.response_map import ResponseMap
 from fembridge.results import read

@@ -17,8 +17,20 @@ from decks.finger import Finger, Resolution
 from decks.mesh import refined as refined_mesh
 from decks.presets import PAPER, QUICK, model_of
 from fembridge.errors import FingerError
-from fembridge.report.runs import AFFERENTS, DEPTH_UM, Indented, Runs, indent
-from fembridge.report.study import Check, Finding, exact, extrapolated, finish, line, panels
+from fembridge.report.study import (
+    DEPTH_UM,
+    Check,
+    Finding,
+    Indented,
+    Runs,
+    exact,
+    extrapolated,
+    finish,
+    indent,
+    line,
+    panels,
+)
+from fembridge.tables import AFFERENTS
 from fembridge.typing import FloatArray
 
 if TYPE_CHECKING:

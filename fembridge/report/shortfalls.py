@@ -8,8 +8,8 @@ import numpy as np
 
 from fembridge.evidence import TIMING_COLUMNS
 from fembridge.report import rates
-from fembridge.report.evidence import RAMP, records
 from fembridge.report.rates import EVERY_SET, FAMILIES, FINGERTIP, OBSERVED, Family, row_of
+from fembridge.report.recorded import RAMP, records
 from fembridge.report.validate import Validation
 from fembridge.tables import AFFERENTS, SpikeTrain
 from fembridge.words import number

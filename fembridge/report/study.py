@@ -1,12 +1,26 @@
-"""What a study of the finite-element model finds: checks, tables, numbers, a figure."""
+"""What a study of the finite-element model works with: runs of the solver, and what it finds.
 
+Each run is made once, its cost kept beside it; most press a probe into a finger to one
+depth, in equal steps: `indent`. A run folder whose deck and results have the checksums on
+record is not run again, so that a study that was killed resumes. Runs follow each other,
+on one thread: only then is the processor time of a child process that of one run.
+"""
+
+import hashlib
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import re
+import resource
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from decks.analysis import Model
+from decks.dialects import JOB
+from fembridge.build import build_run_folder
+from fembridge.errors import ResponseError
 from fembridge.plots.style import (
     AFFERENT_COLOURS,
     FAINT,
@@ -18,14 +32,35 @@ from fembridge.plots.style import (
     SMALL_TEXT_PT,
     new_figure,
 )
-from fembridge.report.runs import Cost
 from fembridge.response.deflection import richardson
+from fembridge.response.indentation import read_pressed
+from fembridge.results.stress import von_mises_pa
+from fembridge.run_folder import RUN_FILE, RunFolder
+from fembridge.solver.ccx import LOG_FILE, finished_outcome, run_ccx
+from fembridge.solver.settings import OnProgress, SolverSettings
+from fembridge.solver.verdict import Failure, Outcome
+from fembridge.stimulus import Stimulus
+from fembridge.store import filling, read_toml, write_text
 from fembridge.typing import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pandas import DataFrame
+
+COST_FILE = "cost.toml"
+RUNS_FOLDER = "runs"
+THREADS = 1
+# No single run of a study takes as long on any machine of the last ten years.
+TIME_LIMIT_S = 4 * 3600.0
+
+DEPTH_UM = 200.0
+STEPS, STEPS_QUICK = 10, 4
+
+_STEP_MS = 1000.0
+_SPRINGS = re.compile(r"Number of contact spring elements=(\d+)")
+_DT_MS = 0.5
+_UM_PER_MM = 1000.0
 
 AT_MOST, AT_LEAST = "at most", "at least"
 SAFETY = 1.25
@@ -34,6 +69,191 @@ _HEIGHT_IN, _PANEL_IN = 2.6, 3.4
 _DOT_PT = 3.2
 # Names on a logarithmic axis that do not run into each other, less one.
 _MOST_STEPS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a run cost: `cpu_s` of processor time."""
+
+    increments: int = 0
+    iterations: int = 0
+    cpu_s: float = 0.0
+
+    def __add__(self, other: "Cost") -> "Cost":
+        return Cost(
+            self.increments + other.increments,
+            self.iterations + other.iterations,
+            self.cpu_s + other.cpu_s,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """One `run`: its cost, and why it is not accepted, if it is not."""
+
+    run: RunFolder
+    cost: Cost
+    failure: Failure | None = None
+
+    def accepted(self) -> "Attempt":
+        """The run itself, or the `SolverError` that names folder and cause."""
+        if self.failure is not None:
+            raise Outcome(self.run.folder, self.failure).to_error()
+        return self
+
+
+class Runs:
+    """The runs of one study under `folder`; `quick` asks for fewer and shorter ones."""
+
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        quick: bool = False,
+        on_progress: OnProgress | None = None,
+        log: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        self.folder = folder
+        self.quick = quick
+        self.log = log
+        self.spent = Cost()
+        self._on_progress = on_progress
+
+    def attempt(self, name: str, model: Model, stimulus: Stimulus) -> Attempt:
+        """Solve `model` under `stimulus` in the folder `name`; a failure is in the attempt."""
+        return self._made(build_run_folder(self.folder / RUNS_FOLDER / name, model, stimulus))
+
+    def solve_deck(
+        self, name: str, deck: str, increments: int = 1, dt_ms: float = _STEP_MS
+    ) -> Path:
+        """Folder with the results of a deck's text, of `increments` equal increments of `dt_ms`.
+
+        Raises
+        ------
+        SolverError
+            The run is not accepted.
+        """
+        place = self.folder / RUNS_FOLDER / name
+        run = RunFolder(
+            folder=place,
+            solver="calculix",
+            increments=increments,
+            dt_ms=dt_ms,
+            start_ms=0.0,
+            afferents=(),
+            deck_sha256=hashlib.sha256(deck.encode()).hexdigest(),
+        )
+        with filling(place, last=RUN_FILE) as draft:
+            write_text(draft / f"{JOB}.inp", deck)
+            replace(run, folder=draft).write()
+        return self._made(run).accepted().run.folder
+
+    def _made(self, run: RunFolder) -> Attempt:
+        """Make a run, or take the one in its folder if that is whole."""
+        outcome = finished_outcome(run)
+        cpu_s = None if outcome is None else _kept_cpu_s(run)
+        if outcome is None or cpu_s is None:
+            before_s = _children_s()
+            settings = SolverSettings(
+                threads=THREADS,
+                time_limit_s=TIME_LIMIT_S,
+                on_progress=self._on_progress,
+                cache=False,
+            )
+            outcome = run_ccx(run, settings)
+            cpu_s = _children_s() - before_s
+            if outcome.accepted:
+                text = f'deck_sha256 = "{run.deck_sha256}"\ncpu_s = {cpu_s:.3f}\n'
+                write_text(run.folder / COST_FILE, text)
+        cost = Cost(outcome.increments, outcome.iterations, cpu_s)
+        self.spent += cost
+        return Attempt(run, cost, outcome.failure)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Indented:
+    """Von Mises stress `stress_pa` ``(T, afferent)`` at `depth_um` ``(T,)``.
+
+    Afferents are those of the finger, in its order; `apex_um` ``(T,)`` is how far the
+    skin under the probe moved in. The state at rest comes first. `touching` nodes of
+    the skin touch the probe at the end.
+    """
+
+    elements: int
+    depth_um: FloatArray
+    stress_pa: FloatArray
+    force_n_per_mm: FloatArray
+    apex_um: FloatArray
+    touching: int
+    cost: Cost
+
+    @property
+    def last_pa(self) -> FloatArray:
+        """Stress ``(afferent,)`` at the end."""
+        last: FloatArray = self.stress_pa[-1]
+        return last
+
+
+def through(depths_um: FloatArray, name: str) -> Stimulus:
+    """Stimulus that moves the probe through `depths_um` ``(T,)``, the first of them 0."""
+    return Stimulus(name, depths_um, _DT_MS, (0.0, (depths_um.size - 1) * _DT_MS))
+
+
+def down(depth_um: float = DEPTH_UM, steps: int = STEPS) -> Stimulus:
+    """Stimulus that moves the probe down to `depth_um` in equal steps."""
+    return through(np.linspace(0.0, depth_um, steps + 1), f"down_{depth_um:g}")
+
+
+def indent(
+    runs: Runs, name: str, model: Model, stimulus: Stimulus | None = None, *, law: str = "linear"
+) -> Indented:
+    """Solve and read one indentation.
+
+    Raises
+    ------
+    SolverError
+        The run is not accepted.
+    """
+    stimulus = stimulus or down(steps=STEPS_QUICK if runs.quick else STEPS)
+    model = replace(model, support="prescribed", law=law)
+    return read_indented(runs.attempt(name, model, stimulus).accepted(), model, stimulus)
+
+
+def read_indented(attempt: Attempt, model: Model, stimulus: Stimulus) -> Indented:
+    """Result of an accepted run, with the state at rest in front."""
+    run = attempt.run
+    nodes = [place.node for place in run.afferents]
+    pressed = read_pressed(run, stimulus.times_ms, [*nodes, run.apex_node])
+    return Indented(
+        elements=len(model.mesh.quad),
+        depth_um=stimulus.displacement_um,
+        stress_pa=von_mises_pa(pressed.tensor_pa[:, :-1]),
+        force_n_per_mm=pressed.force_n_per_mm,
+        apex_um=-_UM_PER_MM * pressed.moved_mm[:, -1, 1],
+        touching=read_touching(run.folder / LOG_FILE),
+        cost=attempt.cost,
+    )
+
+
+def read_touching(log: Path) -> int:
+    """Last number of contact springs in CalculiX's log."""
+    numbers = _SPRINGS.findall(log.read_text(encoding="utf-8", errors="replace"))
+    return int(numbers[-1]) if numbers else 0
+
+
+def _children_s() -> float:
+    """Processor time of all child processes that have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def _kept_cpu_s(run: RunFolder) -> float | None:
+    """Processor time on record; None where there is none of this deck."""
+    try:
+        table = read_toml(run.folder / COST_FILE, ResponseError)
+        return float(table["cpu_s"]) if table["deck_sha256"] == run.deck_sha256 else None
+    except (ResponseError, KeyError, TypeError, ValueError):
+        return None
 
 
 class Check(NamedTuple):
@@ -65,7 +285,7 @@ class Finding:
     numbers: Mapping[str, Any] = field(default_factory=dict)
     figure: "Figure | None" = None
     skipped: str = ""
-    cost: Cost = Cost()  # noqa: RUF009 - frozen
+    cost: Cost = Cost()
 
 
 def extrapolated(width: FloatArray, value: FloatArray) -> tuple[float, float, float]:

@@ -11,11 +11,10 @@ from decks.presets import model_of, read_finger
 from decks.stimuli import CATALOGUE
 from decks.waveform import make_stimulus
 from fembridge.errors import MissingError, UsageError
-from fembridge.evidence import Facts
+from fembridge.evidence import Facts, touchsim_rates
 from fembridge.fitting.problem import solved_source, stored_source
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
 from fembridge.observed import ObservedRates
-from fembridge.report.evidence import Evidence, gather
 from fembridge.report.rates import (
     FINGERTIP,
     OBSERVED,
@@ -28,6 +27,7 @@ from fembridge.report.rates import (
     rate_table,
     threshold_table,
 )
+from fembridge.report.recorded import Evidence, gather
 from fembridge.response.deflection import (
     Deflection,
     convergence,
@@ -38,7 +38,6 @@ from fembridge.response.response_map import ResponseMap
 from fembridge.simulation import Simulation, encode_all, unlike_the_fit
 from fembridge.store import sha256_of
 from fembridge.tables import AFFERENTS, Rate, SpikeTrain
-from fembridge.touchsim import touchsim_rates
 from fembridge.trace import finger_id
 from neural import ParameterSet
 from neural.parameter_sets import DEFAULT_SET, SET_NAMES, parameter_set

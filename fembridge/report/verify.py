@@ -5,7 +5,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
-from importlib import import_module
 from pathlib import Path
 
 from fembridge import __version__
@@ -13,9 +12,15 @@ from fembridge.errors import MissingError, SolverError, UsageError
 from fembridge.executor import LocalExecutor, WorkerDiedError, send
 from fembridge.machine import SOLVER_INSTALL_LINE, check_ccx, find_ccx
 from fembridge.plots.style import in_style, save_figure
-from fembridge.report.runs import THREADS, Runs
-from fembridge.report.second_solver import skfem_version
-from fembridge.report.study import Finding
+from fembridge.report import (
+    assumptions,
+    hertz,
+    incompressibility,
+    map_and_transient,
+    mesh_convergence,
+    plane,
+)
+from fembridge.report.study import THREADS, Finding, Runs
 from fembridge.solver.process import signals_as_exits
 from fembridge.solver.settings import OnProgress
 from fembridge.store import make_folder, write_text
@@ -46,17 +51,13 @@ class Study:
 
     name: str
     title: str
-    place: str
+    found_by: Callable[[Runs], Finding]
     left_out: str = ""
 
     def make(self, folder: Path, quick: bool, on_progress: OnProgress | None, log: Log) -> Finding:
         """Do it in `folder`; its figure goes into a file there."""
-        module, _, name = self.place.partition(":")
-        study: Callable[[Runs], Finding] = getattr(
-            import_module(f"fembridge.report.{module}"), name
-        )
         runs = Runs(folder, quick=quick, on_progress=on_progress, log=log)
-        finding = in_style(study)(runs)
+        finding = in_style(self.found_by)(runs)
         if finding.figure is not None:
             save_figure(finding.figure, folder / "images" / f"verification_{self.name}.png")
         return replace(finding, figure=None, cost=runs.spent)
@@ -64,38 +65,38 @@ class Study:
 
 # In the order of the page.
 STUDIES = (
-    Study("patch", "Patch test", "patch:study"),
-    Study("solver", "A second solver", "second_solver:study"),
-    Study("hertz", "Hertz line contact", "hertz:study"),
+    Study("patch", "Patch test", plane.patch),
+    Study("solver", "A second solver", plane.second_solver),
+    Study("hertz", "Hertz line contact", hertz.study),
     Study(
         "incompressible",
         "A nearly incompressible dermis",
-        "incompressibility:study",
+        incompressibility.study,
         "rings to 16 elements across; `quick` finger alone",
     ),
     Study(
         "mesh",
         "Convergence with the mesh",
-        "mesh_convergence:study",
+        mesh_convergence.study,
         "three meshes, 4 increments; limits are those of a whole run",
     ),
     Study(
         "contact",
         "Contact models",
-        "contact:models",
+        assumptions.contact_models,
         "four of thirteen contact models, half the increments",
     ),
     Study(
         "penalty",
         "Stiffness of the contact",
-        "contact:stiffness",
+        assumptions.stiffness,
         "four stiffnesses, 4 increments",
     ),
-    Study("laws", "Linear law against neo-Hookean", "laws:study", "8 increments instead of 16"),
+    Study("laws", "Linear law against neo-Hookean", assumptions.laws, "8 increments instead of 16"),
     Study(
         "map",
         "Response map against whole transients",
-        "map_and_transient:study",
+        map_and_transient.study,
         "`quick` alone, 10 ms of each stimulus",
     ),
 )
@@ -181,7 +182,7 @@ def versions_here() -> dict[str, str]:
             f"install it: {SOLVER_INSTALL_LINE}"
         )
     versions = {"fembridge": __version__, "CalculiX": check_ccx().found.split(",")[0]}
-    other = skfem_version()
+    other = plane.skfem_version()
     return versions if other is None else {**versions, "scikit-fem": other}
 
 
@@ -243,7 +244,7 @@ def command_of(name: str, *, quick: bool) -> str:
 
 def page_text(findings: Mapping[str, Finding], versions: Mapping[str, str], *, quick: bool) -> str:
     """The page as Markdown; the same findings give the same text."""
-    from fembridge.report.template import rendered
+    from fembridge.words import rendered
 
     studies = [
         {

@@ -4,8 +4,8 @@ import pytest
 
 from decks.stimuli import CATALOGUE
 from fembridge.errors import UsageError
+from fembridge.evidence import TOUCHSIM_MODELS, touchsim_rates
 from fembridge.tables import AFFERENTS
-from fembridge.touchsim import MODELS, touchsim_rates
 
 ALL_KINDS = [
     pytest.param(depth_um, whole_second, id=f"{depth_um:g} um, {name}")
@@ -31,7 +31,7 @@ def test_a_rate_is_a_whole_number_of_spikes_in_its_window(depth_um, whole_second
 
     for rate in touchsim_rates(depth_um, whole_second=whole_second):
         start_ms, end_ms = (0.0, 1000.0) if whole_second else windows_ms[rate.stimulus]
-        count = MODELS[rate.afferent] * TRIALS
+        count = TOUCHSIM_MODELS[rate.afferent] * TRIALS
         spikes = rate.rate_ips * count * (end_ms - start_ms) / 1000.0
         rounding = 0.0005 * count * (end_ms - start_ms) / 1000.0  # three decimals kept
         assert abs(spikes - round(spikes)) <= rounding + 1e-9, rate

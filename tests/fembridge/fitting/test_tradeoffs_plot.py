@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from fembridge.fitting.fit import FitSettings, fit_afferents
-from fembridge.plots.tradeoffs import strongest_tradeoff, tradeoffs_figure
+from fembridge.plots.fit import strongest_tradeoff, tradeoffs_figure
 from neural.models import model_named
 
 

@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 
-from fembridge.evidence import THRESHOLDS, Facts
+from fembridge.evidence import THRESHOLDS, Facts, citation, evidence, touchsim_rates
 from fembridge.fitting.problem import stored_source
 from fembridge.observed import read_observed
-from fembridge.report import evidence, validation_page
+from fembridge.report import recorded, validation_page
 from fembridge.report.rates import FAMILIES
 from fembridge.report.validate import judged_models, validate
 from fembridge.report.validation_page import write_report
 from fembridge.tables import Rate, write_rates
-from fembridge.touchsim import touchsim_rates
 
 OWN = "base = 'published'\n[SA]\nalpha_mv_per_ms = 1.2\n[RA]\ntau_ms = 40.0\n"
 COMMAND = "fembridge validate -o report --observed rates.csv --parameters own.toml"
@@ -47,11 +46,11 @@ def study(observed_file, own_file):
     """Thresholds at few frequencies and distances at few amplitudes: those take the time."""
     observed = read_observed(observed_file, complete=False)
     response, models = stored_source("quick").response, judged_models(str(own_file))
-    table = evidence.evidence(THRESHOLDS)
-    few = Facts(table[table.frequency_hz.between(20, 200)], evidence.citation(THRESHOLDS))
+    table = evidence(THRESHOLDS)
+    few = Facts(table[table.frequency_hz.between(20, 200)], citation(THRESHOLDS))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(evidence, "CURVE_HZ", (20.0, 200.0, 800.0))
-        patch.setattr(evidence, "_PIN_UM", evidence._PIN_UM[::4])
+        patch.setattr(recorded, "CURVE_HZ", (20.0, 200.0, 800.0))
+        patch.setattr(recorded, "_PIN_UM", recorded._PIN_UM[::4])
         return validate(response, models, observed, facts={THRESHOLDS: few})
 
 

@@ -14,11 +14,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 import fembridge
 from decks.stimuli import CATALOGUE
 from fembridge.errors import MissingError, UsageError
-from fembridge.evidence import THRESHOLDS, Facts
+from fembridge.evidence import THRESHOLDS, Facts, touchsim_rates
 from fembridge.fitting.problem import stored_source
 from fembridge.observed import read_observed
-from fembridge.report import evidence
-from fembridge.report.evidence import gather, phases_of
+from fembridge.report import recorded
 from fembridge.report.rates import (
     EVERY_SET,
     FAMILIES,
@@ -32,6 +31,7 @@ from fembridge.report.rates import (
     row_of,
     threshold_table,
 )
+from fembridge.report.recorded import gather, phases_of
 from fembridge.report.shortfalls import fingertip_shortfalls, shortfalls
 from fembridge.report.validate import (
     judged_models,
@@ -41,7 +41,6 @@ from fembridge.report.validate import (
 from fembridge.report.validation_page import page_text
 from fembridge.response.response_map import FOLDER
 from fembridge.tables import AFFERENTS, Rate, SpikeTrain, write_rates
-from fembridge.touchsim import touchsim_rates
 
 SINES_OBSERVED = Path(fembridge.__file__).parents[2] / "shared/data/observed_sine_rates.csv"
 TRUE = touchsim_rates()
@@ -309,8 +308,8 @@ def test_recorded_spikes_stand_in_the_place_of_the_published_timing(study, monke
     strongest = phases[phases.amplitude_um == 250.0]
     assert strongest.phase_ms.tolist() == [5.0 * k for k in range(10)]
     assert strongest.spikes.tolist() == [4, 0, 0, 0, 0, 2, 0, 0, 0, 0]
-    monkeypatch.setattr(evidence, "_distance", lambda *_: None)
-    monkeypatch.setattr(evidence, "CURVE_HZ", (20.0,))
+    monkeypatch.setattr(recorded, "_distance", lambda *_: None)
+    monkeypatch.setattr(recorded, "CURVE_HZ", (20.0,))
     few = Facts(fembridge.evidence.evidence(THRESHOLDS)[:1], "")
     answering = stored_source("quick").response, study.judged
     found = gather(answering, answering, {THRESHOLDS: few}, trains)

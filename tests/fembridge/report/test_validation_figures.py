@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from fembridge.plots.spikes import raster_figure
 from fembridge.report.rates import FAMILIES, OBSERVED, SINES, TOUCHSIM
 from fembridge.report.validate import RASTER_STIMULI, repeated_trains
-from fembridge.report.validation_figures import rasters_figure, regression_figure
+from fembridge.report.validation_page import rasters_figure, regression_figure
 from fembridge.tables import AFFERENTS
 
 # Points a figure of 7.2 inches may have at least, so that on the page, where it is

@@ -12,10 +12,10 @@ from itertools import product
 
 import pytest
 
+from fembridge.evidence import touchsim_rates
 from fembridge.report.rates import EVERY_SET, FAMILIES
 from fembridge.report.validation_page import PAGE, page_text
 from fembridge.tables import AFFERENTS
-from fembridge.touchsim import touchsim_rates
 
 VOID = {"meta", "br"}
 

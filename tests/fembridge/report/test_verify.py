@@ -16,12 +16,11 @@ from decks.finger import Material
 from fembridge.cli import outputs_of
 from fembridge.commands import verify as command
 from fembridge.errors import MissingError, UsageError
-from fembridge.report import contact, laws, patch
+from fembridge.report import assumptions
 from fembridge.report import verify as module
 from fembridge.report.map_and_transient import Compared, finding_of
 from fembridge.report.plane import PlaneProblem
-from fembridge.report.runs import Cost, Indented, Runs
-from fembridge.report.study import AT_LEAST, Check, Finding
+from fembridge.report.study import AT_LEAST, Check, Cost, Finding, Indented, Runs
 from fembridge.report.verify import STUDIES, studies_named, verify, write_report
 from fembridge.trace import StressTrace
 
@@ -55,7 +54,8 @@ def made(monkeypatch, small_finding):
         calls.append(runs)
         return small_finding
 
-    monkeypatch.setattr(patch, "study", study)
+    patch, *others = STUDIES
+    monkeypatch.setattr(module, "STUDIES", (replace(patch, found_by=study), *others))
     monkeypatch.setattr(module, "versions_here", lambda: VERSIONS)
     return calls
 
@@ -190,8 +190,8 @@ def test_springs_in_series_are_extrapolated_to_rigid_contact(monkeypatch, tmp_pa
         loss = 5 / model.contact.stiffness_mpa_per_mm
         return pressed(1000 * (1 - loss) * np.array([[0, 0, 0], [3.0, 2.0, 1.0]]), np.ones(2))
 
-    monkeypatch.setattr(contact, "indent", indent)
-    found = contact.stiffness(Runs(tmp_path, quick=True))
+    monkeypatch.setattr(assumptions, "indent", indent)
+    found = assumptions.stiffness(Runs(tmp_path, quick=True))
     assert_allclose(found.checks[0].found, 2.5)
     assert_allclose(list(found.tables["penalty"].SA[:-1]), [2.7, 2.85, 2.925, 2.9625])
     assert_allclose(found.tables["penalty"].iloc[-1, 1:4].astype(float), [3, 2, 1])
@@ -208,8 +208,8 @@ def test_laws_that_part_in_proportion_to_depth_are_one_at_rest(monkeypatch, tmp_
         off = 1 + 0.01 * steps[:, 0] if law == "neo-hookean" else 1
         return pressed(1000.0 * steps * (1 + share * np.ones(3)), steps[:, 0] * off)
 
-    monkeypatch.setattr(laws, "indent", indent)
-    found = laws.study(Runs(tmp_path, quick=True))
+    monkeypatch.setattr(assumptions, "indent", indent)
+    found = assumptions.laws(Runs(tmp_path, quick=True))
     assert_allclose(found.checks[0].found, 0, atol=1e-9)
     assert found.numbers["much_from_um"] == {"SA": 300.0, "RA": 150.0, "PC": 100.0}
     assert_allclose(found.tables["laws"].PC_percent, [-4, -8, -16, -24, -32])

@@ -1,8 +1,11 @@
-"""What a fit traded: the front of each class, what was taken of it, the rates it gives.
+"""What a fit traded, and what a study of models found.
 
-A row a class. Left the error of every candidate at each frequency, a line each; then
-the two frequencies between which there is most to choose; right observed rates
-against amplitude, with those of the candidate that was taken.
+`tradeoffs_figure` has a row a class. Left the error of every candidate at each frequency, a
+line each; then the two frequencies between which there is most to choose; right observed
+rates against amplitude, with those of the candidate that was taken.
+
+`study_figure` is the held-out error of every model of a study, a panel a class, the best on
+top.
 """
 
 from itertools import combinations
@@ -11,11 +14,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fembridge.fitting.fit import Fit, FitRun
+from fembridge.fitting.study import ModelStudy
 from fembridge.plots.rates import LEVELS, OBSERVED_DOTS
 from fembridge.plots.style import (
     FAINT,
+    HAIR_PT,
     INK,
     LINE_PT,
+    SMALL_TEXT_PT,
     TEXT_PT,
     WHITE,
     class_style,
@@ -24,6 +30,7 @@ from fembridge.plots.style import (
     in_style,
     legend_above,
     log_axis,
+    new_figure,
     note,
 )
 from fembridge.typing import FloatArray
@@ -35,6 +42,7 @@ if TYPE_CHECKING:
 # Inches.
 _LINES_IN, _PAIR_IN, _RATES_IN, _ROW_IN = 2.5, 1.7, 1.15, 1.55
 _LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 0.95, 0.15, 0.72, 0.46
+_STUDY_ROW_IN = 0.17
 _GAP_IN, _RATES_GAP_IN, _ROW_GAP_IN = 0.62, 0.12, 0.46
 # A group is at least this wide; of more than these, names are written aslant.
 _GROUP_IN, _MOST_LEVEL_NAMES = 0.42, 6
@@ -155,3 +163,32 @@ def _draw_rates(panels: "list[Axes]", columns: list[str], fit: Fit) -> None:
         panel.tick_params(labelleft=first)
         panel.set_ylabel("Rate (impulses/s)" if first else "")
         first = False
+
+
+@in_style
+def study_figure(study: ModelStudy) -> "Figure":
+    """Dots: RMSE on held-out frequencies, a dot a seed; ticks: on those fitted."""
+    rows = {name: study.ranked(name) for name in study.unfitted}
+    height_in = 1.1 + _STUDY_ROW_IN * max(map(len, rows.values()))
+    figure, [panels] = new_figure(height_in, columns=len(rows))
+    for panel, (name, cases) in zip(panels, rows.items(), strict=True):
+        style = class_style(name)
+        for place, trials in enumerate(cases):
+            held, seen = trials["held_out_rmse_ips"], trials["fitted_rmse_ips"]
+            panel.plot([seen.min(), held.max()], [place] * 2, color=FAINT, linewidth=HAIR_PT)
+            panel.plot(seen, [place] * len(seen), "|", markersize=5, markeredgewidth=1)
+            panel.plot(held, [place] * len(held), **dots(style["color"], 4.5))
+        panel.axvline(study.unfitted[name].rmse_ips, linewidth=HAIR_PT, dashes=(4, 3))
+        firsts = [trials.iloc[0] for trials in cases]
+        labels = [f"{one['drive']}, {one['cells']}, {one['preindent_um']:g}" for one in firsts]
+        panel.set_yticks(range(len(labels)), labels, fontsize=SMALL_TEXT_PT - 1)
+        panel.set_ylim(len(labels) - 0.4, -0.6)
+        panel.set_xlim(left=0)
+        panel.set_title(name, **style)
+        panel.set_xlabel("RMSE (impulses/s)", fontsize=TEXT_PT)
+    figure.suptitle(
+        "Rows: drive, cells, depth of the probe before time 0 (µm)\n"
+        "dots: frequencies left out of the fit;  ticks: all fitted;  "
+        "dashes: Table 2 as printed",
+    )
+    return figure

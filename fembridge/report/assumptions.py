@@ -1,11 +1,15 @@
-"""Studies of the contact: which model comes back on its way out, and how stiff it has to be.
+"""Studies of what every deck assumes: the model of the contact, its stiffness, the material law.
 
-`models`: down to 250 µm and up again over the same depths, on the `quick` finger. Closure
-is what `fembridge.response.indentation` judges every response by: the largest difference
+`contact_models`: down to 250 µm and up again over the same depths, on the `quick` finger. Closure
+is what `fembridge.response.acceptance` judges every response by: the largest difference
 between unloading and loading at the same depth, in percent of the stress there.
 
 `stiffness`: the stress at each afferent against the springs' stiffness K. What they give
 goes with 1/K, so a straight line in 1/K through the stiffest ends at rigid contact.
+
+`laws`: from which depth on the law of the materials matters. Decks take the second
+Piola–Kirchhoff stress to be linear in Green's strain, with Table 1's moduli; a neo-Hookean
+skin has the same moduli at rest.
 """
 
 import math
@@ -16,18 +20,24 @@ import numpy as np
 
 from decks.analysis import Contact, Model
 from decks.presets import QUICK, model_of
-from fembridge.report.runs import (
-    AFFERENTS,
+from fembridge.report.plane import NEO_HOOKEAN
+from fembridge.report.study import (
     DEPTH_UM,
+    Check,
+    Finding,
     Indented,
     Runs,
+    down,
+    finish,
     indent,
+    line,
+    panels,
     read_indented,
     through,
 )
-from fembridge.report.study import Check, Finding, finish, line, panels
 from fembridge.response.indentation import CLOSURE_PERCENT, LADDER, judge
 from fembridge.stimulus import Stimulus
+from fembridge.tables import AFFERENTS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,9 +66,13 @@ _MODELS = (
 )
 _MODELS_QUICK = (*_MODELS[1:3], *_MODELS[4:5], *_MODELS[7:8])
 _STIFFNESS_BOUND_PERCENT = 3.0
+_LAW_DEPTH_UM, _LAW_STEPS, _LAW_STEPS_QUICK = 400.0, 16, 8
+_LAW_TABLED_UM = (50.0, 100.0, 200.0, 300.0, 400.0)
+_LAW_BOUND_PERCENT = 0.5
+_MUCH_PERCENT = 5.0
 
 
-def models(runs: Runs) -> Finding:
+def contact_models(runs: Runs) -> Finding:
     """Try each contact model on the way down and back."""
     from pandas import DataFrame
 
@@ -196,6 +210,55 @@ def stiffness(runs: Runs) -> Finding:
             "stiffest": float(springs[-1]),
             "default": default,
             "off_percent": dict(zip(AFFERENTS, at_default.tolist(), strict=True)),
+        },
+        figure=figure,
+    )
+
+
+def laws(runs: Runs) -> Finding:
+    """Press with both laws."""
+    from pandas import DataFrame
+
+    model = model_of(QUICK)
+    stimulus = down(_LAW_DEPTH_UM, _LAW_STEPS_QUICK if runs.quick else _LAW_STEPS)
+    found = {}
+    for law in ("linear", NEO_HOOKEAN):
+        runs.log(f"laws: {law}")
+        found[law] = indent(runs, f"laws/{law}", model, stimulus, law=law)
+    linear, other = found["linear"], found[NEO_HOOKEAN]
+    depth_um = linear.depth_um[1:]
+    off = 100 * (other.stress_pa[1:] / linear.stress_pa[1:] - 1)
+    force_off = 100 * (other.force_n_per_mm[1:] / linear.force_n_per_mm[1:] - 1)
+    at_rest = off[0] - (off[1] - off[0]) / (depth_um[1] - depth_um[0]) * depth_um[0]
+    rows = [int(np.abs(depth_um - one).argmin()) for one in _LAW_TABLED_UM]
+    much = (np.abs(off) > _MUCH_PERCENT).T
+    table = DataFrame({"depth_um": depth_um[rows]})
+    table[list(AFFERENTS)] = linear.stress_pa[1:][rows] / 1000
+    table[[f"{name}_percent" for name in AFFERENTS]] = off[rows]
+    table["force_percent"] = force_off[rows]
+    figure, [panel] = panels(1)
+    for row, name in enumerate(AFFERENTS):
+        panel.plot(depth_um, off[:, row], label=name, **line(row, name=name, mark="line"))
+    panel.plot(depth_um, force_off, label="force", **line(len(AFFERENTS), mark="line"))
+    finish(panel, "depth (µm)", "neo-Hookean / linear − 1 (%)")
+    worst = float(np.abs(at_rest).max())
+    return Finding(
+        checks=(
+            Check("difference of stress, extrapolated to depth 0", worst, _LAW_BOUND_PERCENT, "%"),
+        ),
+        tables={"laws": table},
+        numbers={
+            "depth_um": _LAW_DEPTH_UM,
+            "off_percent": dict(zip(AFFERENTS, off[-1].tolist(), strict=True)),
+            "force_percent": float(force_off[-1]),
+            "much_percent": _MUCH_PERCENT,
+            "much_from_um": {
+                name: float(depth_um[over.argmax()])
+                for name, over in zip(AFFERENTS, much, strict=True)
+                if over.any()
+            },
+            "steps": _LAW_STEPS,
+            "steps_quick": _LAW_STEPS_QUICK,
         },
         figure=figure,
     )
