@@ -35,18 +35,17 @@ __all__ = [
 ]
 
 _MODULES = {
-    "CATALOGUE": "stimuli",
-    "PRESETS": "presets",
-    "Analysis": "analysis",
-    "Contact": "analysis",
-    "Finger": "finger",
-    "Model": "analysis",
-    "Probe": "probe",
-    "make_stimulus": "waveform",
-    "mesh_of": "presets",
-    "read_finger": "presets",
-    "rebase_inp": "own_model.inp",
-    "resolve": "stimuli",
+    name: module
+    for module, names in {
+        "analysis": ("Analysis", "Contact", "Model"),
+        "finger": ("Finger",),
+        "own_model.inp": ("rebase_inp",),
+        "presets": ("PRESETS", "mesh_of", "read_finger"),
+        "probe": ("Probe",),
+        "stimuli": ("CATALOGUE", "resolve"),
+        "waveform": ("make_stimulus",),
+    }.items()
+    for name in names
 }
 
 

@@ -198,13 +198,11 @@ def prism_of(finger: Finger, mesh: PadMesh = PadMesh()) -> Prism:
     arc_mm, nail_column, contact_columns = _columns(section, mesh)
     point_mm, row_layer = _grid(section, arc_mm, mesh.rows)
     _check(point_mm)
-    if mesh.plane:
-        z_mm = np.array([0.0, _THIN * mesh.spacing_mm])
-        return Prism(
-            finger.at_once(), mesh, point_mm, z_mm, row_layer, nail_column, contact_columns
-        )
-    near = np.arange(0.0, _NEAR_MM + 1e-9, mesh.spacing_mm)
-    z_mm = np.concatenate([near, near[-1] + _growing(mesh.length_mm - near[-1], mesh.spacing_mm)])
+    z_mm = np.array([0.0, _THIN * mesh.spacing_mm])
+    if not mesh.plane:
+        near = np.arange(0.0, _NEAR_MM + 1e-9, mesh.spacing_mm)
+        beyond = _growing(mesh.length_mm - near[-1], mesh.spacing_mm)
+        z_mm = np.concatenate([near, near[-1] + beyond])
     return Prism(finger.at_once(), mesh, point_mm, z_mm, row_layer, nail_column, contact_columns)
 
 

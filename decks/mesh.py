@@ -20,16 +20,7 @@ from fembridge.typing import BoolArray, FloatArray, IntArray
 DIGITS = 9
 MIN_SCALED_JACOBIAN = 0.3
 # What NumPy raises on a file that is no whole archive of arrays.
-_DAMAGE = (
-    OSError,
-    EOFError,
-    KeyError,
-    TypeError,
-    ValueError,
-    zipfile.BadZipFile,
-    zlib.error,
-    NotImplementedError,
-)
+_DAMAGE = (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile, zlib.error)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,10 +40,6 @@ class Mesh:
             array = np.array(getattr(self, name), dtype=kind)
             array.flags.writeable = False
             object.__setattr__(self, name, array)
-
-    def scaled_jacobian(self) -> FloatArray:
-        """Worst corner of each quad ``(E,)``: 1 is a rectangle, <= 0 is folded."""
-        return scaled_jacobian(self.node_mm, self.quad)
 
     def area_mm2(self) -> FloatArray:
         """Area of each quad, ``(E,)``."""
@@ -123,7 +110,7 @@ class Mesh:
         FingerError
             A quad that is clockwise, folded or too skewed; another sum.
         """
-        worst = self.scaled_jacobian()
+        worst = scaled_jacobian(self.node_mm, self.quad)
         row = int(worst.argmin())
         if not worst[row] >= MIN_SCALED_JACOBIAN:
             x, y = self.node_mm[self.quad[row]].mean(axis=0)

@@ -16,7 +16,7 @@ import math
 import signal
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,6 @@ from decks.finger import LAYERS, AfferentSite, Finger
 from decks.mesh import DIGITS, MIN_SCALED_JACOBIAN, Mesh, scaled_jacobian
 from decks.section import Section, section_of
 from fembridge.errors import FingerError, MissingError
-from fembridge.typing import FloatArray, IntArray
 
 # More than a solver can take in a day, and than gmsh makes in minutes.
 MOST_ELEMENTS = 200_000
@@ -98,7 +97,7 @@ def _mesh(section: Section, stretch: float) -> Mesh:
         geometry.generate_mesh(dim=2, algorithm=8)
         gmsh.model.mesh.optimize("UntangleMeshGeometry", niter=10)
         half = _collect(gmsh, surfaces)
-    return half.snapped(section.finger.afferents.values()).mirrored().checked()
+    return mirrored(snapped(half, section.finger.afferents.values())).checked()
 
 
 def _expected_elements(section: Section) -> float:
@@ -117,7 +116,8 @@ def _rows(finger: Finger) -> tuple[int, int, int]:
     return resolution.stratum_corneum_rows, resolution.epidermis_rows, resolution.dermis_rows
 
 
-def _collect(gmsh: Any, surfaces: Sequence[Surface]) -> "HalfMesh":  # noqa: ANN401 - untyped
+def _collect(gmsh: Any, surfaces: Sequence[Surface]) -> Mesh:  # noqa: ANN401 - untyped
+    """What gmsh made of the right half: the elements of its surfaces, counter-clockwise."""
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     row_of = np.full(int(max(tags)) + 1, -1, dtype=np.int64)
     row_of[tags.astype(np.int64)] = np.arange(len(tags))
@@ -130,7 +130,9 @@ def _collect(gmsh: Any, surfaces: Sequence[Surface]) -> "HalfMesh":  # noqa: ANN
         layers.append(np.full(len(quads[-1]), layer, dtype=np.int64))
     used, compact = np.unique(np.concatenate(quads), return_inverse=True)
     node_mm = np.asarray(coordinates, dtype=np.float64).reshape(-1, 3)[used, :2]
-    return HalfMesh(np.round(node_mm, DIGITS) + 0.0, compact.reshape(-1, 4), np.concatenate(layers))
+    half = Mesh(np.round(node_mm, DIGITS) + 0.0, compact.reshape(-1, 4), np.concatenate(layers))
+    clockwise = half.area_mm2() < 0
+    return replace(half, quad=np.where(clockwise[:, None], half.quad[:, ::-1], half.quad))
 
 
 # ---- The drawing
@@ -270,88 +272,72 @@ def _even(number: float) -> int:
 # ---- The right half, before it is mirrored
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class HalfMesh:
-    """`node_mm` ``(N, 2)`` with x >= 0, `quad` ``(E, 4)``, `layer` ``(E,)``."""
+def snapped(half: Mesh, sites: Iterable[AfferentSite]) -> Mesh:
+    """Move the nearest inner node of each site's layer onto the site.
 
-    node_mm: FloatArray
-    quad: IntArray
-    layer: IntArray
+    So an afferent sits at the same point whatever the resolution. A node
+    with a short way goes alone; with a longer one it takes the nodes of its
+    layer around it along, the less the further they are. On the axis nodes
+    stay on the axis, and the layer's boundaries stay where they are. Where
+    the elements would not bear it nothing moves.
+    """
+    taken: list[int] = []
+    for site in sites:
+        if (found := _with_node_at(half, site, taken)) is not None:
+            half, row = found
+            taken.append(row)
+    return half
 
-    def snapped(self, sites: Iterable[AfferentSite]) -> "HalfMesh":
-        """Move the nearest inner node of each site's layer onto the site.
 
-        So an afferent sits at the same point whatever the resolution. A node
-        with a short way goes alone; with a longer one it takes the nodes of its
-        layer around it along, the less the further they are. On the axis nodes
-        stay on the axis, and the layer's boundaries stay where they are. Where
-        the elements would not bear it nothing moves.
-        """
-        half = self
-        taken: list[int] = []
-        for site in sites:
-            half, row = half._snapped(site, taken)
-            if row is not None:
-                taken.append(row)
-        return half
+def _with_node_at(half: Mesh, site: AfferentSite, taken: list[int]) -> tuple[Mesh, int] | None:
+    """`half` with a node on the site, none of those `taken`, and its row; None: it cannot be."""
+    mine = half.in_layer(site.layer)
+    inner = np.setdiff1d(half.quad[mine], half.quad[~mine])
+    wanted = np.array([abs(site.x_mm), -site.depth_mm])
+    wanted[0] *= wanted[0] >= _ON_AXIS_MM
+    there = (half.node_mm[taken] == wanted).all(axis=1)
+    inner = np.setdiff1d(inner, taken)
+    on_axis = np.abs(half.node_mm[inner, 0]) < _ON_AXIS_MM
+    like = inner[on_axis == (wanted[0] < _ON_AXIS_MM)]
+    if there.any() or not like.size:
+        return None
+    row = int(like[np.linalg.norm(half.node_mm[like] - wanted, axis=1).argmin()])
+    way_mm = wanted - half.node_mm[row]
+    reach_mm = max(_REACH_WAYS * float(np.linalg.norm(way_mm)), _ON_AXIS_MM)
+    away_mm = np.linalg.norm(half.node_mm[inner] - half.node_mm[row], axis=1)
+    share = np.clip(1 - away_mm / reach_mm, 0.0, None)
+    alone, around = half.node_mm.copy(), half.node_mm.copy()
+    around[inner] = np.round(around[inner] + share[:, None] * way_mm, DIGITS)
+    around[inner[on_axis], 0] = half.node_mm[inner[on_axis], 0]
+    edges, _, _ = half.edges()
+    start, end = half.node_mm[edges[(edges == row).any(axis=1)]].swapaxes(0, 1)
+    shortest_mm = np.linalg.norm(start - end, axis=1).min()
+    near = np.linalg.norm(way_mm) <= _ALONE_SHARE * shortest_mm
+    for node_mm in (alone, around) if near else (around,):
+        node_mm[row] = wanted
+        if scaled_jacobian(node_mm, half.quad).min() >= MIN_SCALED_JACOBIAN:
+            return Mesh(node_mm, half.quad, half.layer), row
+    return None
 
-    def mirrored(self) -> Mesh:
-        """Join with the mirror image; number nodes from the pad inwards."""
-        node_mm = self.node_mm.copy()
-        on_axis = np.abs(node_mm[:, 0]) < _ON_AXIS_MM
-        node_mm[on_axis, 0] = 0.0
-        count = len(node_mm)
-        image = np.where(on_axis, np.arange(count), count + np.cumsum(~on_axis) - 1)
-        quad = self._counter_clockwise()
-        nodes = np.concatenate([node_mm, node_mm[~on_axis] * [-1.0, 1.0]])
-        quads = np.concatenate([quad, image[quad][:, ::-1]])
-        layers = np.concatenate([self.layer, self.layer])
-        order = np.lexsort((nodes[:, 0], -nodes[:, 1]))
-        new_row = np.empty_like(order)
-        new_row[order] = np.arange(len(order))
-        quads = new_row[quads]
-        first = quads.argmin(axis=1)
-        quads = np.take_along_axis(quads, (first[:, None] + np.arange(4)) % 4, axis=1)
-        sort = np.lexsort((quads[:, 0], layers))
-        return Mesh(nodes[order], quads[sort], layers[sort])
 
-    def _snapped(self, site: AfferentSite, taken: list[int]) -> tuple["HalfMesh", int | None]:
-        """Do it for one site; also give the node, and leave those `taken` alone."""
-        mine = self.layer == LAYERS.index(site.layer)
-        inner = np.setdiff1d(self.quad[mine], self.quad[~mine])
-        wanted = np.array([abs(site.x_mm), -site.depth_mm])
-        wanted[0] *= wanted[0] >= _ON_AXIS_MM
-        there = (self.node_mm[taken] == wanted).all(axis=1)
-        inner = np.setdiff1d(inner, taken)
-        on_axis = np.abs(self.node_mm[inner, 0]) < _ON_AXIS_MM
-        like = inner[on_axis == (wanted[0] < _ON_AXIS_MM)]
-        if there.any() or not like.size:
-            return self, None
-        row = int(like[np.linalg.norm(self.node_mm[like] - wanted, axis=1).argmin()])
-        way_mm = wanted - self.node_mm[row]
-        reach_mm = max(_REACH_WAYS * float(np.linalg.norm(way_mm)), _ON_AXIS_MM)
-        away_mm = np.linalg.norm(self.node_mm[inner] - self.node_mm[row], axis=1)
-        share = np.clip(1 - away_mm / reach_mm, 0.0, None)
-        alone, around = self.node_mm.copy(), self.node_mm.copy()
-        around[inner] = np.round(around[inner] + share[:, None] * way_mm, DIGITS)
-        around[inner[on_axis], 0] = self.node_mm[inner[on_axis], 0]
-        quads = self.quad[(self.quad == row).any(axis=1)]
-        edges = np.stack([quads, np.roll(quads, -1, axis=1)], -1).reshape(-1, 2)
-        start, end = self.node_mm[edges[(edges == row).any(axis=1)]].swapaxes(0, 1)
-        shortest_mm = np.linalg.norm(start - end, axis=1).min()
-        near = np.linalg.norm(way_mm) <= _ALONE_SHARE * shortest_mm
-        for node_mm in (alone, around) if near else (around,):
-            node_mm[row] = wanted
-            worst = scaled_jacobian(node_mm, self._counter_clockwise())
-            if worst.min() >= MIN_SCALED_JACOBIAN:
-                return HalfMesh(node_mm, self.quad, self.layer), row
-        return self, None
-
-    def _counter_clockwise(self) -> IntArray:
-        corner = self.node_mm[self.quad]
-        ahead, across = corner[:, 2] - corner[:, 0], corner[:, 3] - corner[:, 1]
-        clockwise = ahead[:, 0] * across[:, 1] - ahead[:, 1] * across[:, 0] < 0
-        return np.where(clockwise[:, None], self.quad[:, ::-1], self.quad)
+def mirrored(half: Mesh) -> Mesh:
+    """Join with the mirror image; number nodes from the pad inwards."""
+    node_mm = half.node_mm.copy()
+    on_axis = np.abs(node_mm[:, 0]) < _ON_AXIS_MM
+    node_mm[on_axis, 0] = 0.0
+    count = len(node_mm)
+    image = np.where(on_axis, np.arange(count), count + np.cumsum(~on_axis) - 1)
+    nodes = np.concatenate([node_mm, node_mm[~on_axis] * [-1.0, 1.0]])
+    quads = np.concatenate([half.quad, image[half.quad][:, ::-1]])
+    layers = np.concatenate([half.layer, half.layer])
+    order = np.lexsort((nodes[:, 0], -nodes[:, 1]))
+    new_row = np.empty_like(order)
+    new_row[order] = np.arange(len(order))
+    quads = new_row[quads]
+    first = quads.argmin(axis=1)
+    quads = np.take_along_axis(quads, (first[:, None] + np.arange(4)) % 4, axis=1)
+    sort = np.lexsort((quads[:, 0], layers))
+    return Mesh(nodes[order], quads[sort], layers[sort])
 
 
 # ---- gmsh

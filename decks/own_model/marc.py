@@ -39,7 +39,6 @@ from decks.marc.grammar import (
     format_free,
     format_real,
     integers_line,
-    parse_real,
     reals_line,
 )
 from decks.motion import Motion
@@ -369,18 +368,14 @@ def _increment_edits(deck: MarcDeck, chosen: _Chosen, motion: Motion) -> Change:
 
 def _with_first_real(line: Line, value: float) -> str:
     """The text of a line of reals with `value` in its first field."""
-    text, layout = line.text, line.layout
     if line.free:
-        return ",".join([format_free(value), *text.split(",")[1:]])
-    rest = text[layout.real :]
-    if layout is Layout.EXTENDED:
+        return ",".join([format_free(value), *line.text.split(",")[1:]])
+    rest = line.text[line.layout.real :]
+    if line.layout is Layout.EXTENDED:
         return format_real(value) + rest
-    written = f"{value:.4e}".replace("e-0", "-").replace("e+0", "+")
-    if len(written) <= layout.real and parse_real(written) == value:
-        return written.rjust(layout.real) + rest
     words = f"{value!r} does not fit into ten columns; put a comma behind the number"
     line.check(not rest.strip(), words)
-    return format_free(value) + ","
+    return reals_line([value], line.layout)
 
 
 def _limit_edits(deck: MarcDeck, chosen: _Chosen, motion: Motion) -> Change:

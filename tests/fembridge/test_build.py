@@ -12,7 +12,7 @@ from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge import build
 from fembridge.build import build_run_folder
-from fembridge.errors import DeckError, OutputError
+from fembridge.errors import OutputError
 from fembridge.run_folder import read_run_folder, read_waveform
 
 FILES = ["job.inp", "run.toml", "stimulus.csv"]
@@ -55,16 +55,6 @@ def test_building_again_touches_nothing(tmp_path, model):
     build_run_folder(tmp_path, model, stimulus)
 
     assert {path.name: path.stat().st_ino for path in tmp_path.iterdir()} == before
-
-
-def test_a_waveform_that_begins_elsewhere_than_the_probe_is_no_deck(tmp_path, model):
-    stimulus = stimulus_of("sine_50_250")
-    jump = dataclasses.replace(stimulus, displacement_um=stimulus.displacement_um + 9.0)
-
-    with pytest.raises(DeckError, match="starts at 9 um, expected 0 um"):
-        build_run_folder(tmp_path / "run", model, jump)
-
-    assert not (tmp_path / "run").exists()
 
 
 def test_run_toml_stands_only_where_all_was_written(tmp_path, model, monkeypatch):

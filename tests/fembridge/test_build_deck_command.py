@@ -21,10 +21,6 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-def decks(folder):
-    return {path: path.read_bytes() for path in sorted(folder.glob("*/*"))}
-
-
 def test_a_set_gives_a_folder_a_level(here, capsys):
     assert main(["build-deck", "--stimulus", "noise_25_250", "-o", "runs"]) == 0
 
@@ -39,16 +35,6 @@ def test_a_set_gives_a_folder_a_level(here, capsys):
         run = read_run_folder(here / folder)
         assert f"runs/{run.inputs['stimulus']['id']}" == folder
         assert sha256_of(here / folder / "job.inp") == run.deck_sha256
-
-
-def test_a_second_run_of_the_command_changes_no_byte(here):
-    words = ["build-deck", "--stimulus", "noise_25_250_10,sine_20_250"]
-    assert main(words) == 0
-    first = decks(here / "runs")
-    assert main(words) == 0
-
-    assert len(first) == 6
-    assert decks(here / "runs") == first
 
 
 def test_the_summary_lists_the_folders(here, capsys):

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from decks.finger import AfferentSite
-from decks.mesher import HalfMesh, graded
+from decks.mesh import Mesh
+from decks.mesher import graded, snapped
 
 
 @pytest.mark.parametrize(("start_mm", "stop_mm"), [(0.1, 0.4), (0.4, 0.1), (0.2, 0.2)])
@@ -24,12 +25,12 @@ def half(x_mm=0.0):
     x, y = np.meshgrid([0.0, 0.1, 0.2], [-0.5, -0.6, -0.7])
     quad = np.array([[3, 4, 1, 0], [4, 5, 2, 1], [6, 7, 4, 3], [7, 8, 5, 4]])
     nodes = np.stack([x.ravel() + x_mm, y.ravel()], -1)
-    return HalfMesh(nodes, quad, np.array([1, 1, 2, 2]))
+    return Mesh(nodes, quad, np.array([1, 1, 2, 2]))
 
 
 @given(st.floats(0.0, 0.25), st.floats(0.45, 0.65))
 def test_the_axis_and_the_layers_boundaries_stay_where_they_are(x_mm, depth_mm):
-    after = half().snapped([AfferentSite("epidermis", x_mm, depth_mm)]).node_mm
+    after = snapped(half(), [AfferentSite("epidermis", x_mm, depth_mm)]).node_mm
     assert after[3:].tolist() == half().node_mm[3:].tolist()
     assert after[0, 0] == 0.0
 
@@ -42,4 +43,4 @@ def test_the_axis_and_the_layers_boundaries_stay_where_they_are(x_mm, depth_mm):
     ],
 )
 def test_nothing_moves_where_elements_would_not_bear_it(site):
-    assert half().snapped([site]).node_mm.tolist() == half().node_mm.tolist()
+    assert snapped(half(), [site]).node_mm.tolist() == half().node_mm.tolist()

@@ -4,11 +4,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
+from decks.analysis import Model
+from decks.calculix import calculix_deck
 from decks.motion import Motion
 from decks.own_model import Request
 from decks.own_model.inp import rebase_inp
+from decks.presets import QUICK, mesh_of
 from fembridge.errors import DeckError
+from fembridge.stimulus import Stimulus
 
 FIXTURES = Path(__file__).parents[3] / "fixtures"
 DECKS = sorted(FIXTURES.rglob("*.inp"))
@@ -50,3 +55,24 @@ def test_a_recorded_deck_takes_a_waveform_or_says_why_not(path):
         words = line.split(",")
         if line not in kept and not line.startswith(PLACES):
             assert all(word.strip().replace(".", "").isdigit() for word in words)
+
+
+def test_our_own_deck_with_another_waveform_is_the_deck_of_that_but_for_its_sets():
+    model = Model(QUICK, mesh_of(QUICK))
+    wanted = Stimulus("wanted", np.array([0.0, 15.0, -2.0, 40.0, 80.5]), 0.5, (0.0, 2.0))
+    other = Stimulus("other", np.array([0.0, 5.0, 50.0]), 1.0, (0.0, 2.0))
+    analysis = model.analysis(wanted)
+    base = calculix_deck(model.analysis(other)).encode()
+    rebased = rebase_inp(base, analysis.motion, Request(afferents=analysis.afferent))
+    ours, own = calculix_deck(analysis).splitlines(), rebased.deck.decode().splitlines()
+    rest = iter(own)
+    kept = (line for line in ours if not line.startswith(("fembridge", "*", "U", "S")))
+    assert [line for line in kept if line not in rest] == []  # in this order
+    asked = [line for line in own if "FEMBRIDGE_OUTPUT" in line]
+    assert asked == [
+        "*NSET, NSET=FEMBRIDGE_OUTPUT",
+        "*NODE OUTPUT, NSET=FEMBRIDGE_OUTPUT, FREQUENCY=1, DOUBLE",
+        "*ELEMENT OUTPUT, NSET=FEMBRIDGE_OUTPUT, FREQUENCY=1, DOUBLE",
+    ]
+    place = analysis.mesh.node_mm[[node - 1 for node in analysis.afferent.values()]]
+    assert_allclose(list(rebased.place_mm.values()), place, rtol=0, atol=1e-9)
