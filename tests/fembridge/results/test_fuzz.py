@@ -26,8 +26,8 @@ from fembridge.results.readers import ReadOptions
 from fembridge.results.source import read_values
 from fembridge.results.status import read_cvg, read_sta
 
-MUTATIONS = 10_000 if os.environ.get("CI") == "true" else 300
-FEWEST = 36  # of a kind
+MUTATIONS = 10_000 if os.environ.get("CI") == "true" else 150
+FEWEST = 18  # of a kind
 LONGEST_S = 1.0
 LENIENT = ReadOptions(partial=True, across_materials=True, stress_unit="Pa")
 STRICT = ReadOptions(stress_unit="Pa")
@@ -238,8 +238,8 @@ KINDS = {
     "float64": ("job.frd", check_frd, 3, 0.15),
     "long exponents": ("job.frd", check_frd, 4, 0.1),
     "dat": ("job.dat", check_dat, 0, 0.15),
-    "sta": ("job.sta", check_sta, 0, 0.06),
-    "cvg": ("job.cvg", check_cvg, 0, 0.06),
+    "sta": ("job.sta", check_sta, 0, 0.24),
+    "cvg": ("job.cvg", check_cvg, 0, 0.24),
     "deck": ("job.inp", check_deck, 0, 0.08),
 }
 TEXTS = {"dat": DAT, "sta": STA, "cvg": CVG, "deck": DECK}

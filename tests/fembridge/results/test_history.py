@@ -163,8 +163,12 @@ def test_every_node_is_one_row_an_output_that_has_it(write_frd, block):
     assert table[["node", "time_ms", "t"]].to_numpy().tolist() == [
         [1, 500, 10], [2, 500, 20], [2, 1000, 21], [3, 1000, 31],
     ]  # fmt: skip
+    path = write_frd(blocks)
     with pytest.raises(ResultError, match="node 3 has no record in NDTEMP"):
-        fb.read_history(write_frd(blocks), [3])
+        fb.read_history(path, [3])
+    words = f"{path.name}: node 3 has no value at 500 ms, where others have"
+    with pytest.raises(ResultError, match=words):
+        fb.read_history(path, "all", resample_ms=1.0)
 
 
 def test_every_node_leaves_out_those_between_materials(samples):

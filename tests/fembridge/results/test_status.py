@@ -55,7 +55,7 @@ def test_cut_at_any_byte_the_rows_are_those_of_whole_lines(samples, tmp_path, na
     whole = (samples / name).read_bytes()
     rows, path = read_rows(samples / name), tmp_path / name
     path.write_bytes(whole)
-    for size in range(len(whole), -1, -1):
+    for size in range(len(whole), -1, -1 if os.environ.get("CI") == "true" else -7):
         os.truncate(path, size)
         headers = 2 if name.endswith("sta") else 4
         complete = max(0, whole[:size].count(b"\n") - headers)

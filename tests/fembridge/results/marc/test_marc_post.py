@@ -247,9 +247,9 @@ def check(post, increments):
 
 
 @BINARY_AND_TEXT
-@pytest.mark.parametrize("every", [1, 2, 7])
+@pytest.mark.parametrize("every", [1, 7])
 def test_many_small_increments(binary, every, many, write_post):
-    model, increments = many(150, every=every)
+    model, increments = many(60, every=every)
     with opened_post(write_post(writer.Storage(binary), model, increments)) as post:
         check(post, increments)
 
@@ -285,18 +285,18 @@ def test_the_walk_ends_where_a_new_mesh_comes(binary, many, write_post):
 
 @BINARY_AND_TEXT
 def test_a_damaged_one_among_them_ends_the_walk_there(binary, many, write_post):
-    model, increments = many(200)
+    model, increments = many(70)
     path = write_post(writer.Storage(binary), model, increments)
     content = path.read_bytes()
     mark = b"=   b   e   g   =   5   2   4" if binary else b"=beg=524"
     at, digit = -1, 20 if binary else 5  # the first one of the number
-    for _ in range(151):
+    for _ in range(51):
         at = content.index(mark, at + 1)
     path.write_bytes(content[: at + digit] + b"x" + content[at + digit + 1 :])
     with opened_post(path) as post:
-        assert "of increment 150" in post.problem
-        assert len(post.increments) == 150
-        assert post.increments[149].time_s == 149 / 4
+        assert "of increment 50" in post.problem
+        assert len(post.increments) == 50
+        assert post.increments[49].time_s == 49 / 4
 
 
 # Words as a real file of post revision 12 has them, with lines of our own numbers.
@@ -373,21 +373,17 @@ def check_two_nodes(post):
     assert post.increments[0].time_s == 2.5
 
 
-def test_exponents_without_a_letter_and_numbers_that_touch(write_text):
-    with opened_post(write_text(TWO_NODES)) as post:
-        check_two_nodes(post)
-
-
 @pytest.mark.parametrize(
     "change",
     [
+        lambda line: line,
         lambda line: line + "\r",
         lambda line: line.ljust(80),
         lambda line: line + "\n" * (line == "=end="),
     ],
-    ids=["CRLF", "padded", "empty lines"],
+    ids=["as it is", "CRLF", "padded", "empty lines"],
 )
-def test_line_ends_and_blanks_at_them_change_nothing(change, write_text):
+def test_exponents_without_a_letter_touching_numbers_and_any_line_ends_are_read(change, write_text):
     text = "".join(change(line) + "\n" for line in TWO_NODES.splitlines())
     with opened_post(write_text(text)) as post:
         check_two_nodes(post)
@@ -435,7 +431,8 @@ def test_every_byte_of_a_run_is_read_and_agrees_with_its_status_file(
             assert_allclose(moved.max(), maximum, rtol=RTOL)
 
 
-CUT_STEP = 1 if os.environ.get("CI") == "true" else 97
+IN_CI = os.environ.get("CI") == "true"
+CUT_STEP = 1 if IN_CI else 197
 STORAGES = [
     {"binary": True},
     {"binary": True, "big_endian": True, "real_bytes": 8},
@@ -520,7 +517,7 @@ def test_a_count_that_lies_takes_no_memory(how, count, write_post, small_run):
     storage = writer.Storage(**how)
     path = write_post(storage, *small_run())
     whole = path.read_bytes()
-    for word in range(30):
+    for word in range(0, 30, 1 if IN_CI else 4):
         changed = bytearray(whole)
         if storage.binary:
             begin = b"=   b   e   g   =   5   0   2"
