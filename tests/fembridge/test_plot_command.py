@@ -82,6 +82,7 @@ def summary(capsys, *words):
     ],
     ids=lambda words: words[0],
 )
+@pytest.mark.usefixtures("unrendered")
 def test_every_picture_is_a_png_named_after_itself_and_that_is_said(here, capsys, words):
     before = set(here.iterdir())
     assert main(["plot", *words]) == 0
@@ -92,11 +93,16 @@ def test_every_picture_is_a_png_named_after_itself_and_that_is_said(here, capsys
 
 
 @pytest.mark.parametrize(
-    ("name", "start"),
-    [("a.pdf", b"%PDF"), ("a.svg", b"<?xml"), ("new/a.SVG", b"<?xml"), ("a.png", PNG)],
+    ("words", "name", "start"),
+    [
+        (["mesh"], "a.png", PNG),
+        (["raster", "spikes.csv"], "a.pdf", b"%PDF"),
+        (["trace", "traces.csv"], "a.svg", b"<?xml"),
+        (["stimulus", "sine_20_250"], "new/a.SVG", b"<?xml"),
+    ],
 )
-def test_the_suffix_chooses_the_format(here, name, start):
-    assert main(["plot", "stimulus", "sine_20_250", "-o", name]) == 0
+def test_the_suffix_chooses_the_format(here, words, name, start):
+    assert main(["plot", *words, "-o", name]) == 0
     assert (here / name).read_bytes().startswith(start)
 
 
