@@ -72,38 +72,31 @@ __all__ = [  # noqa: RUF022 - the main job first, then from deck to spikes, then
 ]
 
 _HOMES = {
-    "FembridgeError": "fembridge.errors",
-    "Finger": "decks.finger",
-    "Probe": "decks.probe",
-    "Recording": "fembridge.recording",
-    "ResponseMap": "fembridge.response.response_map",
-    "Stimulus": "fembridge.stimulus",
-    "StressTrace": "fembridge.trace",
-    **dict.fromkeys(
-        (
-            "build_deck",
-            "encode",
-            "fit",
-            "plot",
-            "run",
-            "simulate",
-            "thresholds",
-            "validate",
-        ),
-        "fembridge.api",
-    ),
-    "make_stimulus": "decks.waveform",
-    "Population": "fembridge.touching.population",
-    "Shape": "fembridge.touching.shape",
-    "receptive_field": "fembridge.touching.field",
-    "sweep": "fembridge.sweeps.sweep",
-    "touch": "fembridge.touching.touch",
-    **dict.fromkeys(("read", "read_fields", "read_history"), "fembridge.results"),
-    "read_observed": "fembridge.observed",
-    "resolve": "decks.stimuli",
-    "touchsim_rates": "fembridge.evidence",
-    "write_vtu_series": "fembridge.results.vtu",
+    name: home
+    for home, names in (
+        ("fembridge.api", "simulate plot build_deck run encode fit thresholds validate"),
+        ("fembridge.results", "read read_fields read_history"),
+        ("fembridge.results.vtu", "write_vtu_series"),
+        ("fembridge.touching.touch", "touch"),
+        ("fembridge.touching.field", "receptive_field"),
+        ("fembridge.touching.shape", "Shape"),
+        ("fembridge.touching.population", "Population"),
+        ("fembridge.sweeps.sweep", "sweep"),
+        ("fembridge.stimulus", "Stimulus"),
+        ("fembridge.trace", "StressTrace"),
+        ("fembridge.recording", "Recording"),
+        ("fembridge.response.response_map", "ResponseMap"),
+        ("fembridge.observed", "read_observed"),
+        ("fembridge.touchsim", "touchsim_rates"),
+        ("fembridge.errors", "FembridgeError"),
+        ("decks.finger", "Finger"),
+        ("decks.probe", "Probe"),
+        ("decks.stimuli", "resolve"),
+        ("decks.waveform", "make_stimulus"),
+    )
+    for name in names.split()
 }
+"""Where each public name is."""
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401 - whatever the name stands for

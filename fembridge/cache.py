@@ -12,7 +12,6 @@ import shutil
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -118,20 +117,21 @@ def keep(key: str, what: str, record: Table, files: Iterable[Path]) -> None:
             shutil.rmtree(cache / key, ignore_errors=True)
 
 
-def entries() -> list[Entry]:
-    """Entries of the cache, the last used first."""
+def entries(most: int | None = None) -> list[Entry]:
+    """Entries of the cache, the last used first; `most` of them alone are read."""
     cache = cache_folder()
     found: list[Entry] = []
-    if cache is None or not cache.is_dir():
-        return found
-    for folder in cache.iterdir():
-        path = folder / ENTRY_FILE
-        with suppress(OSError, ResponseError):  # another process is at work on it
-            size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+    used_s: dict[Path, float] = {}
+    for path in [] if cache is None else cache.glob(f"*/{ENTRY_FILE}"):
+        with suppress(OSError):  # another process is at work on it
+            used_s[path] = path.stat().st_mtime
+    for path in sorted(used_s, key=used_s.__getitem__, reverse=True)[:most]:
+        with suppress(OSError, ResponseError):
+            files = (file for file in path.parent.rglob("*") if file.is_file())
+            size = sum(file.stat().st_size for file in files)
             table = read_sealed(path, "cache entry", FORMAT)
-            used_s = path.stat().st_mtime
-            found.append(Entry(folder, table["what"], table["record"], size, used_s))
-    return sorted(found, key=attrgetter("used_s"), reverse=True)
+            found.append(Entry(path.parent, table["what"], table["record"], size, used_s[path]))
+    return found
 
 
 def clear() -> int:

@@ -101,6 +101,7 @@ _NO_SHEAR = 1.0e-6
 # An increment costs two iterations, each a factorisation: of a plane mesh about the 1.15th
 # power of its elements, as `fembridge verify` measured from 1 600 to 39 700 of them.
 _ELEMENTS, _INCREMENT_S, _POWER = 3100, 0.45, 1.15
+_RUNS_SEEN = 20  # the last of the cache, of which an estimate is made
 _DECK_BYTES = 69.4
 """Of a deck of the reference fingers, an element."""
 
@@ -264,10 +265,10 @@ def attempts_for(depth_um: float, ladder: Sequence[Contact]) -> list[Attempt]:
 
 
 def increment_s(elements: float) -> float:
-    """Seconds of an increment of a mesh of so many `elements`, as runs in the cache took here."""
+    """Seconds of an increment of a mesh of so many `elements`, as the last runs here took."""
     shares: list[float] = [
         record["wall_s"] / record["increments"] / (record["deck_bytes"] / _DECK_BYTES) ** _POWER
-        for record in (entry.record for entry in entries())
+        for record in (entry.record for entry in entries(_RUNS_SEEN))
         if record.get("wall_s") and record.get("increments")
     ]
     share = statistics.median(shares) if shares else _INCREMENT_S / _ELEMENTS**_POWER
