@@ -195,7 +195,8 @@ def spiking(
         np.add(potential, fed, out=potential)
         for _, trains in quiet:
             for spikes in trains:
-                flat_potential[spikes] = 0.0
+                if spikes.size:
+                    flat_potential[spikes] = 0.0
         if returns:
             raised *= np.greater_equal(potential, turn, out=ahead)
         if clamps:

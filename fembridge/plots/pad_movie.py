@@ -61,13 +61,13 @@ def check_movie(path: Path) -> None:
 
 
 @in_style
-def write_movie(path: Path, touch: Touch, frames: int = FRAMES) -> None:
+def write_movie(path: Path, touch: Touch) -> None:
     """Write a GIF, or an MP4 where ffmpeg is installed; see `check_movie`."""
     check_movie(path)
     from matplotlib.animation import FFMpegWriter
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    samples = np.unique(np.linspace(0, touch.way.pressed.size - 1, frames).astype(np.int64))
+    samples = np.unique(np.linspace(0, touch.way.pressed.size - 1, FRAMES).astype(np.int64))
     figure, moving, show = _scene(touch, samples)
     canvas = FigureCanvasAgg(figure)
     figure.set_dpi(_DPI)

@@ -114,9 +114,10 @@ def influence_pa(
     rows, row = np.unique(nodes.row, return_inverse=True)
     middle = pad.stress_z_mm
     along = middle if pad.plane else np.concatenate([-middle[::-1], middle])
-    table = _table(pad, columns - pad.x_mm.size // 2, (drag[0], 1.0, drag[1]))
+    held = np.flatnonzero(np.isin([row.layer for row in pad.rows], layer))
+    weights = _section_weights(pad, held, layer, x_mm, depth_mm)
     # Stress at the places in the section, along the finger: (place, 6 x column, K).
-    in_section = _section_weights(pad, layer, x_mm, depth_mm) @ table
+    in_section = weights @ _table(pad, held, columns - pad.x_mm.size // 2, (drag[0], 1.0, drag[1]))
     here = in_section.reshape(x_mm.size, 6 * columns.size, along.size)
     away_mm = z_mm[:, None] - rows * pad.spacing_mm  # (place, row)
     weight = np.ones((away_mm.size, along.size), dtype=np.float32)
@@ -169,48 +170,57 @@ def _sa_scale(pad: Pad) -> float:
     return float(von_mises_pa(influence, forces)[0, 0] / read[0, 0])
 
 
-def _table(pad: Pad, columns: IntArray, force: tuple[float, float, float]) -> SingleArray:
-    """The pad's stress under `force` on `columns`, counted from the apex, mirrored as needed.
+def _table(
+    pad: Pad, held: IntArray, columns: IntArray, force: tuple[float, float, float]
+) -> SingleArray:
+    """Stress in the pad's rows `held` under `force` on `columns`, counted from the apex.
 
     ``(R x 2 M, 6 x column x 2 K)``: rows and middles of elements, places along z from -z.
+    Columns to the left of the apex, and places behind, are mirror images.
     """
     parts = []
     for direction, share in enumerate(force):
         if not share:
             continue
-        right = share * pad.stress_pa[:, direction]  # (R, 6, N', 2 M, K)
-        flip = FORCE_FLIP["x"][direction] * STRESS_FLIP["x"].astype(np.float32)
-        left = right[:, :, :, ::-1] * flip[:, None, None, None]
-        both = [(left if n < 0 else right)[:, :, abs(n)] for n in columns.tolist()]
-        ahead = np.stack(both, axis=2)
-        flip = FORCE_FLIP["z"][direction] * STRESS_FLIP["z"].astype(np.float32)
-        behind = ahead[..., ::-1] * flip[:, None, None, None]
+        chosen = np.ix_(held, np.array([direction]), np.arange(6), np.abs(columns))
+        ahead = share * pad.stress_pa[chosen][:, 0]  # (R, 6, column, 2 M, K)
+        flip_x, flip_z = (
+            (FORCE_FLIP[axis][direction] * STRESS_FLIP[axis]).astype(np.float32)[
+                :, None, None, None
+            ]
+            for axis in ("x", "z")
+        )
+        left = columns < 0
+        ahead[:, :, left] = flip_x * ahead[:, :, left, ::-1]
+        behind = flip_z * ahead[..., ::-1]
         parts.append(ahead if pad.plane else np.concatenate([behind, ahead], axis=-1))
-    whole: SingleArray = np.sum(parts, axis=0, dtype=np.float32)
+    whole: SingleArray = sum(parts[1:], parts[0])
     rows, _, _, middles, _ = whole.shape
     return np.moveaxis(whole, 3, 1).reshape(rows * middles, -1)
 
 
 def _section_weights(
     pad: Pad,
+    held: IntArray,
     layer: NDArray[np.str_],
     x_mm: FloatArray,
     depth_mm: FloatArray,
 ) -> "csr_array":
-    """Weights ``(place, R x 2 M)`` of the middles of elements around each place."""
+    """Weights ``(place, R x 2 M)`` of the middles of elements of rows `held` around each place."""
     from scipy.sparse import csr_array
 
     arc_mm = pad.arc_at(x_mm)
     middles = pad.stress_pa.shape[4]
     entries = []
+    rows = [pad.rows[n] for n in held]
     for name in np.unique(layer):
-        held = [n for n, row in enumerate(pad.rows) if row.layer == name]
-        if not held:
+        own = [n for n, row in enumerate(rows) if row.layer == name]
+        if not own:
             known = ", ".join(dict.fromkeys(row.layer for row in pad.rows))
             raise UsageError(f"the pad holds no stress in {name}, but in {known}")
         mine = np.flatnonzero(layer == name)
-        arcs = [np.concatenate([-pad.rows[n].arc_mm[::-1], pad.rows[n].arc_mm]) for n in held]
-        deep = [np.concatenate([pad.rows[n].depth_mm[::-1], pad.rows[n].depth_mm]) for n in held]
+        arcs = [np.concatenate([-rows[n].arc_mm[::-1], rows[n].arc_mm]) for n in own]
+        deep = [np.concatenate([rows[n].depth_mm[::-1], rows[n].depth_mm]) for n in own]
         depths = np.stack([np.interp(arc_mm[mine], a, d) for a, d in zip(arcs, deep, strict=True)])
         wanted, thick = depth_mm[mine], np.diff(depths, axis=0)
         low, high = depths[0] - _BEYOND * thick[0], depths[-1] + _BEYOND * thick[-1]
@@ -219,13 +229,13 @@ def _section_weights(
                 f"a unit {wanted[one]:g} mm deep in {name} at x = {x_mm[mine[one]]:g} mm: the "
                 f"pad holds stress from {low[one]:.3g} to {high[one]:.3g} mm there"
             )
-        upper = np.clip((depths < wanted).sum(axis=0) - 1, 0, len(held) - 2)
+        upper = np.clip((depths < wanted).sum(axis=0) - 1, 0, len(own) - 2)
         each = np.arange(mine.size)
         share = (wanted - depths[upper, each]) / thick[upper, each]
-        for n, (row, arcs_mm) in enumerate(zip(held, arcs, strict=True)):
+        for n, (row, arcs_mm) in enumerate(zip(own, arcs, strict=True)):
             by_depth = np.where(upper == n, 1 - share, np.where(upper == n - 1, share, 0.0))
             at, weight = cubic_weights(arcs_mm, arc_mm[mine])
             entries.append((np.repeat(mine, 4), row * middles + at, by_depth[:, None] * weight))
     place, middle, weight = (np.concatenate([one[k].ravel() for one in entries]) for k in range(3))
-    shape = arc_mm.size, len(pad.rows) * middles
+    shape = arc_mm.size, len(rows) * middles
     return csr_array((weight.astype(np.float32), (place, middle)), shape=shape)

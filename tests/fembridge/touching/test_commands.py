@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from fembridge.cli import main
+from fembridge.plots import pad_movie
 
 
 def run(capsys, *words):
@@ -15,7 +16,8 @@ def run(capsys, *words):
     return code, capsys.readouterr()
 
 
-def test_touch_writes_tables_and_pictures(tmp_path, capsys):
+def test_touch_writes_tables_and_pictures(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(pad_movie, "FRAMES", 4)
     code, printed = run(
         capsys, "touch", "--shape", "grating", "--press-n", 0.2, "--hold-ms", 20,
         "--population", "fingertip:density=0.2", "--animate", "short.gif", "-o", tmp_path / "out",
