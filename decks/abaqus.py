@@ -8,21 +8,16 @@ not run.
 import numpy as np
 
 from decks.analysis import Analysis
-from decks.dialects import DIALECTS, DeckOptions
+from decks.dialects import DeckOptions
 from decks.keyword_deck import keyword_deck
 
 
-def abaqus_files(analysis: Analysis, options: DeckOptions) -> dict[str, str]:
-    """The deck under its name in a run folder; `options` leave no choice."""
-    return {DIALECTS["abaqus"].deck: abaqus_deck(analysis, options.frames)}
-
-
-def abaqus_deck(analysis: Analysis, frames: int = 0) -> str:
+def abaqus_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> str:  # noqa: B008 - frozen
     """Write `analysis` as a deck for Abaqus/Standard.
 
     Displacement and stress go to the ``.odb`` in every increment; von Mises
     stress, averaged at the nodes around each afferent, is printed to the ``.dat``. Every
-    `frames` samples the whole field goes to the ``.odb`` too.
+    `options.frames` samples the whole field goes to the ``.odb`` too.
     """
     model = analysis.whole()
     around = {
@@ -33,4 +28,6 @@ def abaqus_deck(analysis: Analysis, frames: int = 0) -> str:
     }
     steps = [(phase, False) for phase in model.motion.phases]
     sections = (*model.layers, model.probe)
-    return keyword_deck("abaqus.inp.j2", model, sections, steps, around=around, frames=frames)
+    return keyword_deck(
+        "abaqus.inp.j2", model, sections, steps, around=around, frames=options.frames
+    )

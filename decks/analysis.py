@@ -246,7 +246,7 @@ class Analysis:
 
     def whole(self) -> "Analysis":
         """The analysis of both halves of the section."""
-        return replace(self, section="whole")
+        return replace(self, section="whole") if self.is_half else self
 
 
 def _why_whole(model: Analysis, rows: IntArray) -> str | None:

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from decks.analysis import Analysis, ElementSet
-from decks.dialects import DIALECTS, DeckOptions
+from decks.dialects import DeckOptions
 from decks.finger import Material
 from decks.keyword_deck import keyword_deck
 from decks.motion import Motion, Phase
@@ -23,21 +23,12 @@ from fembridge.errors import DeckError, UsageError
 NO_MASS_KG_M3 = 1.0
 
 
-def calculix_files(analysis: Analysis, options: DeckOptions) -> dict[str, str]:
-    """The deck under its name in a run folder."""
-    return {
-        DIALECTS["calculix"].deck: calculix_deck(
-            analysis, options.results != "text", options.frames
-        )
-    }
-
-
-def calculix_deck(analysis: Analysis, binary: bool = True, frames: int = 0) -> str:
+def calculix_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> str:  # noqa: B008 - frozen
     """Write `analysis` as a deck for ccx 2.20.
 
-    `binary` asks for float64 results at the watched nodes; without it ccx
-    writes ASCII, whose six digits add noise to a second derivative. A step of ccx writes
-    one set of nodes alone: so with `frames` every so many samples are a step of all nodes.
+    Results at the watched nodes are float64; as "text" ccx writes ASCII, whose six
+    digits add noise to a second derivative. A step of ccx writes one set of nodes
+    alone: so with `options.frames` every so many samples are a step of all nodes.
 
     Raises
     ------
@@ -46,7 +37,7 @@ def calculix_deck(analysis: Analysis, binary: bool = True, frames: int = 0) -> s
     UsageError
         Whole fields now and then where inertia counts.
     """
-    if frames > 1 and analysis.inertia:
+    if options.frames > 1 and analysis.inertia:
         raise UsageError("frames: 1 alone where inertia counts: a new step would jolt the skin")
     first = int(analysis.probe.number.max()) + 1
     found = branches(analysis.layers, first, analysis.motion.phases[-1].dt_s)
@@ -55,8 +46,8 @@ def calculix_deck(analysis: Analysis, binary: bool = True, frames: int = 0) -> s
         "calculix.inp.j2",
         analysis,
         [lasting(layer) for layer in (*analysis.layers, analysis.probe)],
-        list(_steps(analysis.motion, frames)),
-        binary=binary,
+        list(_steps(analysis.motion, options.frames)),
+        binary=options.results != "text",
         branches=found,
         # Numbers that neither finger, probe nor branch has.
         free_element=first + sum(len(section.number) for section, _ in found),

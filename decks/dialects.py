@@ -1,11 +1,11 @@
 """Deck dialects by name: whose solver, which files, which elements.
 
-A dialect is one module with a function from `decks.analysis.Analysis` to the
-files of a run folder; it is imported when a deck of it is written.
+A dialect is one module with a function from `decks.analysis.Analysis` to the text
+of a deck; it is imported when a deck of it is written.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -50,10 +50,10 @@ class Dialect:
     `decks.analysis.Contact` that its decks hold. `elements` gives, for our (Abaqus's) name
     of an element, the solver's own. `how_to_run` is what a person does where fembridge
     cannot run the solver itself. `target` is ``module:function``, called as ``(analysis,
-    options)`` and giving text by name of file; it refuses what its decks cannot say.
-    `springs` is whether a probe may hang on a spring, and half of a section do; `branches`
-    whether relaxing skin has elements over its elements; `frames` whether it can have whole
-    fields now and then.
+    options)`` and giving the deck's text; it refuses what its decks cannot say. `beside`
+    are the targets of further files, by their names. `springs` is whether a probe may hang
+    on a spring, and half of a section do; `branches` whether relaxing skin has elements over
+    its elements; `frames` whether it can have whole fields now and then.
     """
 
     name: str
@@ -65,6 +65,7 @@ class Dialect:
     probes: tuple[str, ...]
     contact: tuple[str, ...]
     target: str
+    beside: Mapping[str, str] = field(default_factory=dict)
     how_to_run: str = ""
     springs: bool = False
     branches: bool = False
@@ -97,13 +98,14 @@ class Dialect:
                 raise UsageError(
                     f"a deck for {self.name} has no {what} {word!r}, expected {' or '.join(known)}"
                 )
-        module, _, function = self.target.partition(":")
-        target = getattr(import_module(module), function)
         if options.frames < 0:
             raise UsageError(f"frames is {options.frames}, expected 1 or more samples")
         if options.frames and not self.frames:
             raise UsageError(f"a deck for {self.name} has results at all nodes, at every sample")
-        files: dict[str, str] = target(analysis, DeckOptions(**chosen, frames=options.frames))
+        asked, files = DeckOptions(**chosen, frames=options.frames), dict[str, str]()
+        for name, target in {self.deck: self.target, **self.beside}.items():
+            module, _, function = target.partition(":")
+            files[name] = getattr(import_module(module), function)(analysis, asked)
         return files
 
 
@@ -119,7 +121,7 @@ DIALECTS = {
             result_kinds=("binary", "text"),
             probes=("meshed",),
             contact=("formulation", "stiffness_mpa_per_mm", "friction", "stick_share"),
-            target="decks.calculix:calculix_files",
+            target="decks.calculix:calculix_deck",
             springs=True,
             branches=True,
             frames=True,
@@ -133,7 +135,8 @@ DIALECTS = {
             result_kinds=("both", "binary", "text"),
             probes=("rigid", "meshed"),
             contact=("friction",),
-            target="decks.marc.write:marc_files",
+            target="decks.marc.write:marc_deck",
+            beside={f"{JOB}.proc": "decks.marc.write:mentat_procedure"},
             how_to_run=f"mentat -bg {JOB}.proc, run_marc -jid {JOB}{REWRITTEN}, then "
             f"fembridge ingest {JOB}{REWRITTEN}.t16; see docs/marc.md",
         ),
@@ -146,7 +149,7 @@ DIALECTS = {
             result_kinds=("binary",),
             probes=("meshed",),
             contact=("formulation", "stiffness_mpa_per_mm", "friction"),
-            target="decks.abaqus:abaqus_files",
+            target="decks.abaqus:abaqus_deck",
             how_to_run=f"abaqus job={JOB}, then its von Mises stress to fembridge "
             "encode, as a table time_ms,afferent,node,von_mises_pa",
             frames=True,

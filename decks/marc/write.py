@@ -23,7 +23,7 @@ from fembridge.errors import DeckError
 from fembridge.typing import FloatArray, IntArray
 
 DECK = DIALECTS["marc"].deck
-PROCEDURE = f"{JOB}.proc"
+(PROCEDURE,) = DIALECTS["marc"].beside
 # Mentat names the job that it makes of a deck by the deck's title.
 TITLE = "job1"
 WAVEFORM = "waveform"
@@ -43,8 +43,18 @@ _COMMENT_TEXT = 74  # characters
 _LIST_ITEMS = 13  # a line of 12 columns each, as Mentat writes sets
 
 
-def marc_files(analysis: Analysis, options: DeckOptions) -> dict[str, str]:
-    """Deck and Mentat procedure by their names in a run folder."""
+def marc_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> str:  # noqa: B008 - frozen
+    """Write `analysis`, all of the section, as a deck for Marc.
+
+    The probe is "rigid", a curve that a table moves, or "meshed", elements of a second
+    contact body whose nodes a table moves. Results are "binary" for ``job.t16``, "text"
+    for ``job.t19``, or "both".
+
+    Raises
+    ------
+    DeckError
+        A motion or a law that it cannot express.
+    """
     for asked, words in (
         (analysis.motion.aside_mm is not None, "sliding probe"),
         (analysis.finger.relaxing_s > 0, "relaxing skin"),
@@ -52,27 +62,8 @@ def marc_files(analysis: Analysis, options: DeckOptions) -> dict[str, str]:
     ):
         if asked:
             raise DeckError(f"fembridge writes no {words} for marc")
-    results = options.results or "both"
-    friction = analysis.contact.friction > 0
-    return {
-        DECK: marc_deck(analysis.whole(), probe=options.probe or "rigid", results=results),
-        PROCEDURE: mentat_procedure(results=results, friction=friction),
-    }
-
-
-def marc_deck(model: Analysis, *, probe: str = "rigid", results: str = "both") -> str:
-    """`model`, all of the section, as a deck for Marc.
-
-    The `probe` is "rigid", a curve that a table moves, or "meshed", elements of a second
-    contact body whose nodes a table moves. `results` are "binary" for ``job.t16``, "text"
-    for ``job.t19``, or "both".
-
-    Raises
-    ------
-    DeckError
-        A law that it cannot express.
-    """
-    meshed, kind = probe == "meshed", int(DIALECTS["marc"].elements[model.element])
+    model, results = analysis.whole(), options.results or "both"
+    meshed, kind = options.probe == "meshed", int(DIALECTS["marc"].elements[model.element])
     quadratic, probe_mm = NODES[kind] == 8, model.probe_mesh.node_mm
     # A section, its type of element, its contact body; materials count from 1. The probe's
     # quads have no mid-sides.
@@ -115,11 +106,15 @@ def marc_deck(model: Analysis, *, probe: str = "rigid", results: str = "both") -
     )
 
 
-def mentat_procedure(*, results: str = "both", friction: bool = True) -> str:
-    """The procedure for a deck that was written with these `results` and this `friction`."""
-    names = {"deck": DECK, "rewritten": f"{JOB}{REWRITTEN}.dat", "title": TITLE}
-    procedure = template(f"marc/{PROCEDURE}.j2")
-    return procedure.render(results=results, friction=friction, **names)
+def mentat_procedure(analysis: Analysis, options: DeckOptions) -> str:
+    """The procedure for a deck of `analysis` that was written with these `options`."""
+    return template(f"marc/{PROCEDURE}.j2").render(
+        deck=DECK,
+        rewritten=f"{JOB}{REWRITTEN}.dat",
+        title=TITLE,
+        results=options.results or "both",
+        friction=analysis.contact.friction > 0,
+    )
 
 
 def time_table(name: str, time_s: FloatArray, value: FloatArray) -> Iterator[str]:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from decks.analysis import Contact, Model
+from decks.dialects import DeckOptions
 from decks.marc.grammar import read_options
 from decks.marc.write import marc_deck
 from decks.presets import QUICK, mesh_of
@@ -105,7 +106,7 @@ KINDS = {
 def built(request):
     """Give a model, its kind of probe, and its deck as a plain reader sees it."""
     model, probe = KINDS[request.param]
-    return model, probe, Deck(marc_deck(model, probe=probe))
+    return model, probe, Deck(marc_deck(model, DeckOptions(probe=probe)))
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from decks.dialects import DIALECTS, PROBES, DeckOptions
-from decks.marc.write import WAVEFORM, marc_files
+from decks.marc.write import WAVEFORM
 
 DOCS = Path(__file__).parents[3] / "docs"
 PAGE = (DOCS / "marc.md").read_text(encoding="utf-8")
@@ -30,7 +30,7 @@ def test_every_fembridge_command_is_understood(command):
 
 
 def test_what_the_page_says_of_the_deck_is_in_it(make_model):
-    files = marc_files(make_model(), DeckOptions())
+    files = DIALECTS["marc"].write(make_model(), DeckOptions())
     assert set(files) == {"job.dat", "job.proc"}
     deck = files["job.dat"]
     for name in ("afferent_sa", "afferent_ra", "afferent_pc", "skin_apex", "held_nodes"):

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.analysis import Model
+from decks.dialects import DeckOptions
 from decks.marc.contents import POST_EVERY, POST_KIND, POST_KINDS, read_marc_deck
 from decks.marc.write import marc_deck
 from decks.motion import Motion, motion_of
@@ -169,7 +170,7 @@ ANALYSIS = Model(QUICK, mesh_of(QUICK), support="prescribed").analysis(NOISE)
 @pytest.fixture(scope="module", params=["rigid", "meshed"])
 def ours(request):
     """Our own deck, taken as a user's, and its kind of probe."""
-    return marc_deck(ANALYSIS, probe=request.param).encode("ascii"), request.param
+    return marc_deck(ANALYSIS, DeckOptions(probe=request.param)).encode("ascii"), request.param
 
 
 def data_of(deck):
@@ -182,7 +183,7 @@ def test_its_own_waveform_changes_no_byte_and_another_makes_the_deck_of_that(our
     assert rebase_marc(deck, motion_of(NOISE), Request()).deck == deck
     motion = motion_of(SINE)
     rebased = rebase_marc(deck, motion, Request()).deck
-    written = marc_deck(replace(ANALYSIS, motion=motion), probe=probe).encode("ascii")
+    written = marc_deck(replace(ANALYSIS, motion=motion), DeckOptions(probe=probe)).encode("ascii")
     assert data_of(rebased) == data_of(written)
     assert rebased != deck
 

@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from decks.dialects import DeckOptions
 from decks.marc.write import mentat_procedure
 
 # Of public procedures and scripts; what may follow them is in the second column.
@@ -26,8 +27,10 @@ def spoken(text):
 @pytest.mark.parametrize(
     ("results", "post"), [("binary", []), ("text", ["ascii"]), ("both", ["both"])]
 )
-def test_every_command_is_one_of_public_procedures_and_says_where_it_was_seen(results, post):
-    text = mentat_procedure(results=results)
+def test_every_command_is_one_of_public_procedures_and_says_where_it_was_seen(
+    results, post, make_model
+):
+    text = mentat_procedure(make_model(), DeckOptions(results))
     for line in spoken(text):
         word, _, rest = line.partition(" ")
         assert re.fullmatch(KNOWN[word], rest), line
