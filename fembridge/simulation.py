@@ -153,13 +153,10 @@ class Simulation:
         """Write ``rates.csv``, ``spikes.csv``, ``traces.npz``, ``simulation.toml``.
 
         The finger of a response has a file of its own, ``finger.toml``, which the record
-        names.
-
-        The NPZ holds ``stimulus`` ``(S,)``, ``afferent`` ``(A,)``, ``dt_ms``,
+        names. The NPZ holds ``stimulus`` ``(S,)``, ``afferent`` ``(A,)``, ``dt_ms``,
         ``displacement_um`` ``(S, T)`` and ``von_mises_pa`` ``(S, T, A)``, NaN behind the end of
-        a shorter stimulus. All of them,
-        and with `plot` ``raster.png``, are replaced, or, after an `OutputError`, none: a
-        ``finger.toml`` of the user's own is not.
+        a shorter stimulus. All of them, and with `plot` ``raster.png``, are replaced, or, after
+        an `OutputError`, none: a ``finger.toml`` of the user's own is not.
         """
         import tomli_w
 
@@ -169,13 +166,15 @@ class Simulation:
         stress_pa = [
             stacked([row[k].stress_pa for row in self.traces]) for k in range(len(self.traces[0]))
         ]
-        record = {**self.origin, "stimuli": stimuli}
-        response = record.get("response")
-        finger = response.get("finger") if isinstance(response, Mapping) else None
-        old_finger = not isinstance(finger, Mapping) and has_finger(Path(folder))
-        if isinstance(finger, Mapping):
-            check_finger(Path(folder))
-        with filling(Path(folder), last=RECORD_FILE) as draft:
+        record: dict[str, Any] = {**self.origin, "stimuli": stimuli}
+        response = record.get("response", {})
+        finger = response.get("finger")
+        has_file = isinstance(finger, Mapping)  # not of a finger that is but named
+        folder = Path(folder)
+        is_left_over = not has_file and has_finger(folder)
+        if has_file:
+            check_finger(folder)
+        with filling(folder, last=RECORD_FILE) as draft:
             with replacing(draft / TRACES_FILE) as path, path.open("wb") as file:
                 np.savez(
                     file,
@@ -187,7 +186,7 @@ class Simulation:
                 )
             write_spikes(draft / SPIKES_FILE, self.trains)
             write_rates(draft / RATES_FILE, self.mean_rates)
-            if isinstance(response, Mapping) and isinstance(finger, Mapping):
+            if has_file:
                 write_text(draft / FINGER_FILE, tomli_w.dumps(finger))
                 record["response"] = {
                     **response,
@@ -200,8 +199,8 @@ class Simulation:
                 from fembridge.plots.style import save_figure
 
                 save_figure(self.plot(), draft / RASTER_FILE)
-        if old_finger:
-            remove_file(Path(folder) / FINGER_FILE)
+        if is_left_over:
+            remove_file(folder / FINGER_FILE)
 
 
 def check_finger(folder: Path) -> None:
@@ -251,8 +250,8 @@ def simulate(
         raise UsageError(f"a stored response answers no transient: {reason or 'leave one out'}")
     method = _possible(method, reason, parameters.parameters, log)
     deepest = max(stimuli, key=attrgetter("deepest_um"))
-    closure_percent: float | None = None
     response: ResponseMap | None = None
+    slip_percent: float | None = None  # by which unloading differs where skin slips
     origin: Table = {"source": "CalculiX"}
     kept = parameters.to_table()
     if stored or find_ccx() is None:
@@ -262,7 +261,7 @@ def simulate(
                 f"no ccx on the PATH; install it: {SOLVER_INSTALL_LINE}"
             )
         response = _stored(model, deepest, stored, log)
-        origin = {"source": "stored response"}
+        origin["source"] = "stored response"
     else:
         place = folder / RESPONSE_FOLDER
         if method == "transient":
@@ -271,12 +270,10 @@ def simulate(
             model, response = solve_response(place, model, deepest.deepest_um, settings, log=log)
         except FrictionSlipError as slip:
             reason = "; ".join(why for why in (reason, str(slip)) if why)
-            announced = method == "transient"
-            method = _possible(method, reason, parameters.parameters, log)
-            if not announced:
+            if method != "transient":
+                method = _possible(method, reason, parameters.parameters, log)
                 check_cost(stimuli, model, settings, log, yes=yes)
-            model = replace(model, contact=slip.contact)
-            closure_percent = slip.closure_percent
+            model, slip_percent = replace(model, contact=slip.contact), slip.closure_percent
     if response is None or method == "transient":
         traces, origin["contacts"] = solve_transients(
             stimuli,
@@ -284,21 +281,20 @@ def simulate(
             folder,
             settings,
             log,
-            slips=closure_percent is not None,
+            slips=slip_percent is not None,
             parameters=kept,
         )
     else:
         method = "map"
         traces = [response.traces(stimulus, parameters.parameters) for stimulus in stimuli]
     if response is not None:
-        closure_percent = response.closure_percent
         origin["response"] = dict(response.origin)
     record = {
         "fembridge": __version__,
         "method": method,
         **origin,
         "no_map": reason,
-        "closure_percent": closure_percent,
+        "closure_percent": slip_percent if response is None else response.closure_percent,
         "parameter_set": parameters.name,
         "parameters": parameters_to_table(parameters.parameters),
         "fit": kept.get("fit"),

@@ -12,9 +12,9 @@ import hashlib
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -149,15 +149,14 @@ def sweep(
     if not isinstance(study, Study):
         study = read_study(Path(study))
     folder = make_folder(Path(output)).resolve()
-    each = SolverSettings(threads=threads, jobs=jobs).shared_by(jobs).threads
+    here = SolverSettings(threads=threads, jobs=jobs).shared_by(jobs).threads
+    threads = here if scheduler is None else threads or 1
     if executor == "local":
         solver = STORED if study.stored else solver_version()
-        return _run(study, folder, solver, each, shows, LocalExecutor, jobs)
-    if scheduler is not None:
-        each = threads or 1
-    with dask_executor(scheduler, jobs) as pool:
-        solver = STORED if study.stored else _solver_there(pool)
-        return _run(study, folder, solver, each, shows, lambda *_: nullcontext(pool), _AT_ONCE)
+        return _run(study, folder, solver, threads, shows, jobs)
+    with dask_executor(scheduler, jobs) as cluster:
+        solver = STORED if study.stored else _solver_there(cluster)
+        return _run(study, folder, solver, threads, shows, _AT_ONCE, cluster)
 
 
 def plan_of(study: Study, solver: str) -> Plan:
@@ -242,10 +241,10 @@ def _run(
     solver: str,
     threads: int | None,
     shows: bool,
-    executor_of: Callable[[int, Callable[[Progress], None]], AbstractContextManager[Executor]],
     jobs: int,
+    cluster: Executor | None = None,
 ) -> Sweep:
-    """Do what is not done; `jobs` tasks at a time are given away."""
+    """Do what is not done, `jobs` tasks at a time, on a `cluster` or in processes here."""
     plan = plan_of(study, solver)
     left = {key: item for key, item in plan.items.items() if not item.is_finished(folder)}
     before = len(plan.items) - len(left)
@@ -256,7 +255,7 @@ def _run(
         with (
             signals_as_exits(),
             _Shown(len(plan.items), before, shows=shows) as shown,
-            executor_of(jobs, shown.follow) as executor,
+            nullcontext(cluster) if cluster else LocalExecutor(jobs, shown.follow) as executor,
         ):
             try:
                 causes = _do(left, folder, threads, executor, jobs, shown)
