@@ -188,23 +188,26 @@ def _row(kind: Callable[..., Any], columns: _Columns, line: str, path: Path, num
         raise ResultError(f"no row: {error}: {line[:80]!r}", path, number) from error
 
 
-def _rows(kind: Callable[..., Any], columns: _Columns, path: Path, header_lines: int) -> list[Any]:
-    """A `kind` of each ended, not blank line under the header."""
-    return [
-        _row(kind, columns, line, path, number)
+def _rows(
+    kind: Callable[..., Any], columns: _Columns, path: Path, header_lines: int, known: int
+) -> list[Any]:
+    """A `kind` of each ended, not blank line under the header but the first `known`."""
+    lines = [
+        (number, line)
         for number, line, ended in text_lines(path)
         if number > header_lines and ended and line.strip()
     ]
+    return [_row(kind, columns, line, path, number) for number, line in lines[known:]]
 
 
-def read_sta(path: Path) -> list[StaRow]:
-    """The attempts so far; an empty list before the first."""
-    return _rows(StaRow, _STA, path, 2)
+def read_sta(path: Path, known: int = 0) -> list[StaRow]:
+    """The attempts so far, without the first `known`; an empty list before the first."""
+    return _rows(StaRow, _STA, path, 2, known)
 
 
-def read_cvg(path: Path) -> list[CvgRow]:
-    """The iterations so far."""
-    return _rows(CvgRow, _CVG, path, 4)
+def read_cvg(path: Path, known: int = 0) -> list[CvgRow]:
+    """The iterations so far, without the first `known`."""
+    return _rows(CvgRow, _CVG, path, 4, known)
 
 
 def read_sts(path: Path) -> Sts:

@@ -47,7 +47,7 @@ FIRST_LOOK_S = 0.05
 READING_S = 30.0
 """Longest reading of a deck without analysis."""
 SLOWEST_LOOK_S = 1.0
-"""Looks get rarer as a run gets longer: each reads the growing files again."""
+"""Looks get rarer as a run gets longer."""
 
 _END_STEP = re.compile(rb"^[ \t]*\*[ \t]*END[ \t]*STEP", re.MULTILINE | re.IGNORECASE)
 _NO_ANALYSIS = "no analysis option"
@@ -219,8 +219,8 @@ def _on_record(run: RunFolder, table: Table) -> Outcome:
 class Watchdog:
     """Watches the files that the solver of `run` writes in the folder `work`.
 
-    CalculiX flushes its ``.sta`` and ``.cvg`` line by line; both are read again when
-    they have grown. The caller brings the time: seconds since the start.
+    CalculiX flushes its ``.sta`` and ``.cvg`` line by line; when they have grown, what is new
+    in them is read. The caller brings the time: seconds since the start.
     """
 
     def __init__(self, work: Path, run: RunFolder, settings: SolverSettings) -> None:
@@ -246,10 +246,10 @@ class Watchdog:
         # A line that cannot be read changes nothing here; the verdict will report it.
         with contextlib.suppress(ResultError):
             if f"{JOB}.sta" in changed:
-                self._sta = read_sta(self._work / f"{JOB}.sta")
+                self._sta += read_sta(self._work / f"{JOB}.sta", len(self._sta))
         with contextlib.suppress(ResultError):
             if f"{JOB}.cvg" in changed:
-                self._cvg = read_cvg(self._work / f"{JOB}.cvg")
+                self._cvg += read_cvg(self._work / f"{JOB}.cvg", len(self._cvg))
         good = [row for row in self._sta if not row.failed]
         attempts = [(row.step, row.increment, row.attempt) for row in self._cvg]
         here = next((n for n, one in enumerate(reversed(attempts)) if one != attempts[-1]), None)
