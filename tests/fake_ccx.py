@@ -82,12 +82,6 @@ def loud():
     normal()
 
 
-def dropped():
-    normal()
-    say(" *WARNING in calinput. Card image cannot be inter    preted:")
-    say(" *WARNING reading the input file. Card image:\n          *ELOUTPUT\n")
-
-
 def diverged():
     begin()
     increments(1)
@@ -122,12 +116,6 @@ def harmless():
     say(" *WARNING reading *STATIC:\n          the minimum increment is small\n")
 
 
-def short():
-    begin()
-    increments(3)
-    finish()
-
-
 def no_output():
     begin()
     increments(output=False)
@@ -149,11 +137,6 @@ def aborted():
     say("realloc(): invalid old size")
     signal.signal(signal.SIGABRT, signal.SIG_DFL)
     os.kill(os.getpid(), signal.SIGABRT)
-
-
-def killed():
-    begin()
-    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def too_large():
@@ -202,10 +185,7 @@ SAID = {
         " *ERROR in calinput: at least one fatal\n         error message\n",
         201,
     ),
-    "no_file": (0, " *ERROR in readinput: cannot open file nope.inp", 0),
-    "exhausted": (2, " *ERROR in nonlingeo: max. # of increments reached\n", 201),
     "odd_error": (2, " *ERROR in somewhere: the moon is full\n", 201),
-    "not_linked": (0, " *ERROR in nonlingeo: the PARDISO library is not linked\n", 201),
     "inverted": (
         0,
         200 * " *ERROR in e_c3d: nonpositive jacobian\n        determinant in element 7\n\n",

@@ -55,37 +55,42 @@ def lines():
 
 
 @pytest.fixture
-def ccx(monkeypatch):
-    """A solver is there, and solves the response with the second contact tried."""
+def indented(monkeypatch):
+    """A solver is there, and an indentation gives what the function makes of model and ladder."""
     calls = []
 
-    def solved(folder, model, needed_um, settings, **options):
-        calls.append((folder, model, needed_um))
-        return replace(model, contact=Contact(friction=0.0)), read_map(FOLDER / "quick.toml")
+    def give(of):
+        def solved(folder, model, needed_um, settings, *, ladder=LADDER, **options):
+            calls.append((folder, model, needed_um))
+            return of(model, ladder[0]), read_map(FOLDER / "quick.toml")
 
-    monkeypatch.setattr(module, "find_ccx", lambda: Path("/usr/bin/ccx"))
-    monkeypatch.setattr(module, "solve_response", solved)
-    return calls
+        monkeypatch.setattr(module, "find_ccx", lambda: Path("/usr/bin/ccx"))
+        monkeypatch.setattr(module, "solve_response", solved)
+        return calls
 
-
-@pytest.fixture
-def accepting(monkeypatch, ccx):
-    """A solver whose indentation is accepted with whatever contact comes first."""
-
-    def solved(folder, model, needed_um, settings, *, ladder=LADDER, **options):
-        return replace(model, contact=ladder[0]), read_map(FOLDER / "quick.toml")
-
-    monkeypatch.setattr(module, "solve_response", solved)
+    return give
 
 
 @pytest.fixture
-def slipping(monkeypatch, ccx):
-    """A solver whose indentation shows that skin slips under friction."""
+def ccx(indented):
+    """Its response is solved with the second contact tried."""
+    return indented(lambda model, first: replace(model, contact=Contact(friction=0.0)))
 
-    def solved(folder, model, needed_um, settings, *, ladder=LADDER, **options):
-        raise FrictionSlipError("skin slips under the probe", 1.5, ladder[0])
 
-    monkeypatch.setattr(module, "solve_response", solved)
+@pytest.fixture
+def accepting(indented):
+    """Its indentation is accepted with whatever contact comes first."""
+    return indented(lambda model, first: replace(model, contact=first))
+
+
+@pytest.fixture
+def slipping(indented):
+    """Its indentation shows that skin slips under friction."""
+
+    def slip(model, first):
+        raise FrictionSlipError("skin slips under the probe", 1.5, first)
+
+    return indented(slip)
 
 
 @pytest.fixture

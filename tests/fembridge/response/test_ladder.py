@@ -14,7 +14,6 @@ from fembridge.response.indentation import (
     DEFAULT_DEPTH_UM,
     LADDER,
     FrictionSlipError,
-    HysteresisError,
     attempts_for,
     solve_response,
     why_no_map,
@@ -56,7 +55,7 @@ def test_a_contact_that_does_not_converge_is_left_and_told(tmp_path, model, play
 def test_a_contact_that_does_not_come_back_is_left_and_told(
     tmp_path, model, player, path_dependent
 ):
-    path_dependent.add(1)
+    path_dependent.add("contact_1")
     shown = []
 
     solve_response(tmp_path, model, log=shown.append)
@@ -83,7 +82,7 @@ def test_when_all_contacts_fail_each_is_listed_with_its_reason(
     tmp_path, model, player, path_dependent
 ):
     player.plays = {1: Cause.DIVERGED, 3: Cause.STALLED}
-    path_dependent.update({2, *range(4, len(ATTEMPTS) + 1)})
+    path_dependent.update(f"contact_{n}" for n in (2, *range(4, len(ATTEMPTS) + 1)))
     shown = []
 
     with pytest.raises(ResponseError) as caught:
@@ -104,7 +103,7 @@ def test_when_all_contacts_fail_each_is_listed_with_its_reason(
 def test_a_finished_contact_that_does_not_come_back_is_not_solved_again(
     tmp_path, model, player, path_dependent
 ):
-    path_dependent.add(1)
+    path_dependent.add("contact_1")
     solve_response(tmp_path, model)
 
     again, _ = solve_response(tmp_path, model)
@@ -123,23 +122,16 @@ def test_a_finished_run_that_lost_a_file_is_solved_again(tmp_path, model, player
 
 
 def test_what_comes_back_without_friction_alone_is_skin_that_slips(
-    tmp_path, model, player, monkeypatch
+    tmp_path, model, player, path_dependent
 ):
-    measured = indentation.measured_response
-
-    def judge(run, *waveform):
-        if run.folder.name == "contact_2":
-            raise HysteresisError(f"{run.folder}: unloading differs by 1.5 %", 1.5)
-        return measured(run, *waveform)
-
-    monkeypatch.setattr(indentation, "measured_response", judge)
+    path_dependent ^= {"contact_2", "frictionless_2"}
     player.plays[1] = Cause.DIVERGED
 
     with pytest.raises(FrictionSlipError) as slip:
         solve_response(tmp_path, model)
 
-    assert (slip.value.contact, slip.value.closure_percent) == (LADDER[0], 1.5)
-    for words in ("skin slips", "friction 0.4", "by 1.5 %", "the probe's way"):
+    assert (slip.value.contact, slip.value.closure_percent) == (LADDER[0], 17.0)
+    for words in ("skin slips", "friction 0.4", "by 17 %", "the probe's way"):
         assert words in str(slip.value)
     assert player.numbers == [1, 2]
     [folder] = player.smooth

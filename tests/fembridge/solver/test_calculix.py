@@ -11,26 +11,21 @@ from fembridge.store import sha256_of
 
 ENDINGS = {
     "bad_deck": (Cause.BAD_DECK, "NOPE has not yet been defined. [NOPE,1,1]"),
-    "no_file": (Cause.BAD_DECK, "cannot open file nope.inp"),
-    "dropped": (Cause.CARD_DROPPED, "cannot be interpreted [*ELOUTPUT]"),
     "diverged": (Cause.DIVERGED, "increment 2, from 0.5 to 1 ms, after 2 iterations"),
     "silent_divergence": (Cause.DIVERGED, "3 of 4 increments are good"),
-    "exhausted": (Cause.INCREMENTS_EXHAUSTED, "raise INC"),
     "odd_error": (Cause.UNKNOWN, "the moon is full"),
-    "not_linked": (Cause.SOLVER_NOT_BUILT_IN, "PARDISO"),
     "inverted": (Cause.NEGATIVE_JACOBIAN, "determinant in element 7"),
     "starved": (Cause.OUT_OF_MEMORY, "fewer jobs"),
     "cut": (Cause.DISK_FULL, "job.frd stops at byte 900"),
     "no_room": (Cause.DISK_FULL, "No space left on device"),
     "too_large": (Cause.DISK_FULL, "ulimit -f"),
-    "short": (Cause.WRONG_END, "1.5 ms, run.toml says 2 ms"),
     "no_output": (Cause.MISSING_OUTPUT, "job.frd holds the mesh alone"),
     "no_frd": (Cause.MISSING_OUTPUT, "no job.frd"),
     "nothing": (Cause.MISSING_OUTPUT, "nothing to do"),
     "odd_exit": (Cause.UNKNOWN, "exit code 7"),
     "aborted": (Cause.CRASHED, "(SIGABRT); last output: realloc(): invalid old size"),
-    "killed": (Cause.KILLED, "signal 9 (SIGKILL)"),
 }
+"""What faults in a deck CalculiX itself shows is in ``test_real_calculix``."""
 
 
 def solve(folder, halt=None, **settings):

@@ -31,17 +31,6 @@ def test_a_message_ends_at_the_blank_line(read):
     ]
 
 
-def test_the_card_goes_with_the_message_before_it(read):
-    log = read(
-        " *ERROR reading *BOUNDARY: node set NOPE    \n       has not been defined. \n"
-        " *ERROR reading *BOUNDARY. Card image:\n        NOPE,1,1\n"
-        " *ERROR reading *BOUNDARY. Card image:\n        NOPE,1,1\n\n"
-    )
-    (error,) = log.errors
-    assert error.card == "NOPE,1,1"
-    assert error.text == "reading *BOUNDARY: node set NOPE has not been defined."
-
-
 @pytest.mark.parametrize(
     "warning",
     [

@@ -107,24 +107,6 @@ def test_a_sweep_that_is_asked_to_stop_takes_its_solvers_along(
     assert sorted(solved(ledger).values()) == [1, 1, 1]
 
 
-@pytest.mark.slow  # the executor's own test of it is always run
-def test_a_worker_that_is_killed_is_replaced_and_its_task_done_once(
-    dermis_study, tmp_path, ledger, gate, start_sweep, wait_until, is_alive
-):
-    path = dermis_study(3)
-    sweep = start_sweep(path, "-o", tmp_path / "out", "--jobs", "2")
-    wait_until(lambda: len(begun(ledger)) == 2)
-    _, solver, worker, _ = begun(ledger)[0]
-    os.kill(worker, signal.SIGKILL)
-    wait_until(lambda: not is_alive(solver))  # it goes with its worker
-    wait_until(lambda: len(begun(ledger)) >= 3)
-    gate.touch()
-
-    assert finished(sweep)[0] == 0
-    assert sorted(solved(ledger).values()) == [1, 1, 1]
-    assert len(begun(ledger)) == 4
-
-
 KILL = """
 if "\\n0.045," in deck:
     up = os.getppid()  # not init, if it is gone, and not pytest
