@@ -85,9 +85,15 @@ def agreement(observed_ips: ArrayLike, predicted_ips: ArrayLike) -> Agreement:
     >>> judged.regression.r_squared, judged.regression.slope, judged.bias_ips
     (1.0, 2.0, 16.0)
     """
-    observed, predicted = checked_pair(
-        observed_ips, predicted_ips, ("observed_ips", "predicted_ips")
+    observed, predicted = (
+        _checked(rates, name)
+        for rates, name in ((observed_ips, "observed_ips"), (predicted_ips, "predicted_ips"))
     )
+    if observed.size != predicted.size:
+        raise ParameterError(
+            f"{observed.size} observed and {predicted.size} predicted rates, expected one of "
+            "each a stimulus"
+        )
     nan, count = math.nan, observed.size
     if np.ptp(observed) <= EQUAL_IPS:
         regression = Regression(nan, nan, nan, nan, count)
@@ -109,20 +115,12 @@ def agreement(observed_ips: ArrayLike, predicted_ips: ArrayLike) -> Agreement:
     return Agreement(regression, rmse_ips, bias_ips=float(np.mean(error_ips)))
 
 
-def checked_pair(
-    first: ArrayLike, second: ArrayLike, names: tuple[str, str]
-) -> tuple[FloatArray, FloatArray]:
-    """Two columns as float64 ``(N,)``, N ≥ 1, all finite, or refuse by name."""
-    columns = tuple(np.asarray(column, dtype=np.float64) for column in (first, second))
-    for name, column in zip(names, columns, strict=True):
-        if column.ndim != 1 or not column.size:
-            raise ParameterError(f"{name} of shape {column.shape}, expected (N,) with N >= 1")
-        bad = np.flatnonzero(~np.isfinite(column))
-        if bad.size:
-            raise ParameterError(f"{name} is {column[bad[0]]} at row {bad[0]}")
-    if columns[0].size != columns[1].size:
-        raise ParameterError(
-            f"{columns[0].size} {names[0]} and {columns[1].size} {names[1]}, "
-            "expected one of each a stimulus"
-        )
-    return columns[0], columns[1]
+def _checked(rates_ips: ArrayLike, name: str) -> FloatArray:
+    """Rates as float64 ``(N,)``, N ≥ 1, all finite."""
+    rates = np.asarray(rates_ips, dtype=np.float64)
+    if rates.ndim != 1 or not rates.size:
+        raise ParameterError(f"{name} of shape {rates.shape}, expected (N,) with N >= 1")
+    bad = np.flatnonzero(~np.isfinite(rates))
+    if bad.size:
+        raise ParameterError(f"{name} is {rates[bad[0]]} at row {bad[0]}")
+    return rates

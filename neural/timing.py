@@ -1,9 +1,9 @@
-"""How far two spike trains are apart in time: van Rossum, and Victor and Purpura.
+"""Times of spikes: how tightly they keep to a phase, how far two trains are apart.
 
-A train is its spike times in ms, in any order; a duplicate time is two spikes. Both
-distances are metrics: 0 for equal trains only, symmetric, and they keep the triangle
-inequality. Each has one number that
-says how precise in time a spike is taken to be: `tau_ms` or ``1 / cost_per_ms``.
+A train is its spike times in ms, ``(spike,)``, in any order; a duplicate time is two spikes,
+and it may be empty. The distances, of van Rossum and of Victor and Purpura, are metrics: 0
+for equal trains only, symmetric, and they keep the triangle inequality. Each has one number
+that says how precise in time a spike is taken to be: `tau_ms` or ``1 / cost_per_ms``.
 """
 
 import math
@@ -11,20 +11,31 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fembridge.errors import ParameterError
 from fembridge.typing import FloatArray
 
 
-def van_rossum_distance(times_a_ms: ArrayLike, times_b_ms: ArrayLike, tau_ms: float) -> float:
-    """Distance of two trains, each spike convolved with an exponential.
+def vector_strength(times_ms: ArrayLike, frequency_hz: float) -> float:
+    """How tightly spikes keep to one phase of a vibration.
 
-    Parameters
-    ----------
-    times_a_ms, times_b_ms
-        Spike times, ``(spike,)`` each; a train may be empty.
-    tau_ms
-        Time constant of the tails. Far below the intervals every spike without a
-        twin counts by itself; far above them the numbers of spikes are compared.
+    1 where all stand at one phase, 0 where they are spread evenly; NaN without spikes. Few
+    spikes look locked: one gives 1, and n at random phases about ``sqrt(0.8 / n)``.
+
+    Notes
+    -----
+    Goldberg and Brown, J. Neurophysiol. 32, 613 (1969): the length of the mean of
+    ``exp(2πi f t)``.
+    """
+    cycles = _sorted(times_ms) * (frequency_hz / 1000.0)
+    if not cycles.size:
+        return math.nan
+    return min(1.0, float(np.abs(np.mean(np.exp(2j * np.pi * (cycles % 1.0))))))
+
+
+def van_rossum_distance(times_a_ms: ArrayLike, times_b_ms: ArrayLike, tau_ms: float) -> float:
+    """Distance of two trains, each spike convolved with an exponential of `tau_ms`.
+
+    With a time constant far below the intervals every spike without a twin counts by
+    itself; far above them the numbers of spikes are compared.
 
     Returns
     -------
@@ -32,11 +43,6 @@ def van_rossum_distance(times_a_ms: ArrayLike, times_b_ms: ArrayLike, tau_ms: fl
         D ≥ 0, without unit: ``sqrt(1/2)`` for one spike against none,
         ``sqrt(1 − exp(−δ/τ))`` for a spike moved by δ, ``|n − m| sqrt(1/2)`` for
         n against m spikes as τ grows.
-
-    Raises
-    ------
-    ParameterError
-        A time that is not finite, or a `tau_ms` that is not > 0.
 
     Notes
     -----
@@ -54,14 +60,11 @@ def van_rossum_distance(times_a_ms: ArrayLike, times_b_ms: ArrayLike, tau_ms: fl
     >>> round(van_rossum_distance([10.0, 20.0], [10.0], tau_ms=5.0) ** 2, 12)
     0.5
     """
-    train_a = _checked_ms(times_a_ms, "times_a_ms")
-    train_b = _checked_ms(times_b_ms, "times_b_ms")
-    _check_number(tau_ms, "tau_ms", may_be_zero=False)
+    train_a, train_b = _sorted(times_a_ms), _sorted(times_b_ms)
     times_ms, place = np.unique(np.concatenate((train_a, train_b)), return_inverse=True)
     sign = np.repeat([1.0, -1.0], [train_a.size, train_b.size])
     jumps = np.bincount(place, sign, minlength=times_ms.size)
-    with np.errstate(over="ignore"):  # an interval of very many tau is an infinite one
-        intervals = np.diff(times_ms, append=np.inf) / tau_ms
+    intervals = np.diff(times_ms, append=np.inf) / tau_ms
     decays = np.exp(-intervals)
     shares = -0.5 * np.expm1(-2.0 * intervals)  # 1/τ ∫ exp(−2t/τ) over the interval
 
@@ -78,24 +81,9 @@ def victor_purpura_distance(
 ) -> float:
     """Least cost of turning one train into the other, spike by spike.
 
-    Parameters
-    ----------
-    times_a_ms, times_b_ms
-        Spike times, ``(spike,)`` each; a train may be empty.
-    cost_per_ms
-        q, the cost of moving a spike by 1 ms; to take a spike away or to add one
-        costs 1. So a spike is moved by at most ``2 / q``.
-
-    Returns
-    -------
-    float
-        D ≥ 0, without unit. For q = 0 the difference of the spike counts; for a
-        large q the number of spikes without a twin.
-
-    Raises
-    ------
-    ParameterError
-        A time that is not finite, or a `cost_per_ms` that is not ≥ 0.
+    To move a spike by 1 ms costs q, `cost_per_ms`; to take one away or to add one costs 1. So
+    a spike is moved by at most ``2 / q``. For q = 0 it is the difference of the spike counts;
+    for a large q the number of spikes without a twin.
 
     Notes
     -----
@@ -112,33 +100,16 @@ def victor_purpura_distance(
     >>> victor_purpura_distance([10.0, 20.0], [12.0], cost_per_ms=0.25)
     1.5
     """
-    train_a = _checked_ms(times_a_ms, "times_a_ms")
-    train_b = _checked_ms(times_b_ms, "times_b_ms")
-    _check_number(cost_per_ms, "cost_per_ms", may_be_zero=True)
-    short_ms, long_ms = sorted((train_a, train_b), key=len)
+    short_ms, long_ms = sorted((_sorted(times_a_ms), _sorted(times_b_ms)), key=len)
     added = np.arange(long_ms.size + 1, dtype=np.float64)
     costs = added.copy()
-    with np.errstate(over="ignore"):  # a cost beyond all numbers is never the least
-        for time_ms in short_ms:
-            moved = costs[:-1] + cost_per_ms * np.abs(long_ms - time_ms)
-            costs += 1.0
-            np.minimum(costs[1:], moved, out=costs[1:])
-            costs = np.minimum.accumulate(costs - added) + added
+    for time_ms in short_ms:
+        moved = costs[:-1] + cost_per_ms * np.abs(long_ms - time_ms)
+        costs += 1.0
+        np.minimum(costs[1:], moved, out=costs[1:])
+        costs = np.minimum.accumulate(costs - added) + added
     return float(costs[-1])
 
 
-def _checked_ms(spike_times_ms: ArrayLike, name: str) -> FloatArray:
-    """Spike times as float64 ``(spike,)``, all finite, in order of time."""
-    times_ms = np.asarray(spike_times_ms, dtype=np.float64)
-    if times_ms.ndim != 1:
-        raise ParameterError(f"{name} of shape {times_ms.shape}, expected (spike,)")
-    bad = np.flatnonzero(~np.isfinite(times_ms))
-    if bad.size:
-        raise ParameterError(f"{name} is {times_ms[bad[0]]} at spike {bad[0]}")
-    return np.sort(times_ms)
-
-
-def _check_number(value: float, name: str, may_be_zero: bool) -> None:
-    if not (math.isfinite(value) and (value > 0 or (may_be_zero and value == 0))):
-        least = ">= 0" if may_be_zero else "> 0"
-        raise ParameterError(f"{name} must be finite and {least}, got {value}")
+def _sorted(times_ms: ArrayLike) -> FloatArray:
+    return np.sort(np.asarray(times_ms, dtype=np.float64))

@@ -22,10 +22,9 @@ from neural.rates import EDGE_MS
 from neural.threshold import (
     CRITERION_IPS,
     entrainment_plateau,
-    entrainment_threshold_um,
     threshold_amplitude_um,
-    vector_strength,
 )
+from neural.timing import vector_strength
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
@@ -283,7 +282,7 @@ def threshold_table(rates: RateTable) -> "DataFrame":
                 "lowest_tried_um": float(amplitude_um.min()),
                 "highest_tried_um": float(amplitude_um.max()),
                 "threshold_um": threshold_amplitude_um(amplitude_um, rate_ips),
-                "entrainment_threshold_um": entrainment_threshold_um(
+                "entrainment_threshold_um": threshold_amplitude_um(
                     amplitude_um, rate_ips, frequency_hz
                 ),
                 "plateau_low_um": plateau.low_um if plateau else np.nan,

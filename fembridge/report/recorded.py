@@ -34,7 +34,7 @@ from fembridge.typing import FloatArray
 from neural import ParameterSet
 from neural.encoder import encode_cells
 from neural.parameters import Parameters
-from neural.threshold import vector_strength
+from neural.timing import vector_strength
 
 if TYPE_CHECKING:
     from pandas import DataFrame

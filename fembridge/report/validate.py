@@ -144,7 +144,7 @@ def validate(
         A model's probe goes deeper than the response.
     """
     from fembridge.touching.pad import pad_named
-    from fembridge.touching.response import pad_response
+    from fembridge.touching.stress import pad_response
 
     left_out = _left_out(observed, log)
     pad, fingertip = pad_response(pad_named("reference")), fingertip_model()

@@ -11,7 +11,9 @@ times the compressive strain along n, and where skin is bent by a pin it is von 
 stress, with a sign: skin that bends the other way, beside a bar or into a gap, is silent.
 At nu = 0 it is the pressure alone, which a bar's plateau has and bending hides. `SA_NU`
 lies between (decision 0029). k makes it von Mises stress under the pin that parameters
-are fitted under, so that they hold for it as they are.
+are fitted under, so that they hold for it as they are: the flat one of 1 mm that observed
+rates were recorded with. `pad_response` is the answer to it as a response map: what
+`fitted_pad` was fitted on, see ``docs/model_study.md``.
 """
 
 from functools import cache
@@ -20,7 +22,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from decks.presets import finger_table
 from fembridge.errors import UsageError
+from fembridge.response.response_map import ResponseMap
+from fembridge.run_folder import AfferentNode
 from fembridge.touching.contact import SkinNodes, press_to
 from fembridge.touching.pad import FORCE_FLIP, STRESS_FLIP, Pad, cubic_weights
 from fembridge.touching.population import Population
@@ -31,8 +36,11 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 SA_NU = 0.1
-# Depth of the pin by which k is found.
-_PIN_UM = 200.0
+# The pin, and how deep it is where k is found.
+PIN_MM, _PIN_UM = 1.0, 200.0
+# Depths of the response map: few enough that nodes which come into contact one by one leave
+# no kinks.
+DEEPEST_UM, _LEVELS = 600.0, 21
 # A unit may be this share of a row's thickness outside of the middles of rows.
 _BEYOND = 0.75
 # Numbers that a block of units takes at a time.
@@ -162,12 +170,37 @@ def sa_stress_pa(
 @cache
 def _sa_scale(pad: Pad) -> float:
     """Von Mises stress over what SA reads where it sits under a flat pin of 1 mm: k."""
-    nodes, forces, _ = press_to(pad, Shape.punch(), np.array([_PIN_UM]))
+    nodes, forces, _ = press_to(pad, Shape.punch(PIN_MM), np.array([_PIN_UM]))
     unit = Population.one_each(afferents=("SA",), finger=pad.finger)
     places = np.array(unit.layer), unit.x_mm, unit.z_mm, unit.depth_mm
     influence = influence_pa(pad, nodes, *places)
     read = sa_stress_pa(influence, forces, pad.normal_at(unit.x_mm))
     return float(von_mises_pa(influence, forces)[0, 0] / read[0, 0])
+
+
+def pad_response(pad: Pad) -> ResponseMap:
+    """Stress tensors at each site of the pad's finger under the pin, over the apex."""
+    depth_um = DEEPEST_UM * (np.arange(_LEVELS) / (_LEVELS - 1)) ** 1.5
+    nodes, forces, _ = press_to(pad, Shape.punch(PIN_MM), depth_um)
+    sites = pad.finger.afferents
+    layer, x_mm, depth_mm = zip(
+        *((s.layer, s.x_mm, s.depth_mm) for s in sites.values()), strict=True
+    )
+    places = np.array(layer), np.array(x_mm), np.zeros(len(sites)), np.array(depth_mm)
+    influence = influence_pa(pad, nodes, *places)
+    tensor = np.einsum("cun,kn->kuc", influence, forces, dtype=np.float64)
+    tensor[..., 4:] = 0.0  # yz and zx, by symmetry about z = 0, but for rounding
+    return ResponseMap(
+        depth_um=depth_um,
+        tensor_pa=tensor,
+        force_n_per_mm=forces.sum(axis=1),
+        places=tuple(
+            AfferentNode(name, n, site.layer, site.x_mm, -site.depth_mm, site.depth_mm)
+            for n, (name, site) in enumerate(sites.items(), start=1)
+        ),
+        closure_percent=0.0,
+        origin={"finger": finger_table(pad.finger), "pad": dict(pad.origin), "pin_mm": PIN_MM},
+    )
 
 
 def _table(

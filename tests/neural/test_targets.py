@@ -9,7 +9,7 @@ from neural.encoder import encode_cells
 from neural.fit_problem import DISTANCES, FitProblem, PhaseTarget, ThresholdTarget, TimingTarget
 from neural.models import model_named
 from neural.search import Front, choose, from_unit, search_front
-from neural.threshold import vector_strength
+from neural.timing import vector_strength
 
 DT_MS = 0.5
 TIMES_MS = DT_MS * np.arange(201)

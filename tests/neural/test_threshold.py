@@ -10,13 +10,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from fembridge.errors import ParameterError
 from neural.threshold import (
     Plateau,
     entrainment_plateau,
-    entrainment_threshold_um,
     threshold_amplitude_um,
-    vector_strength,
 )
 
 curves = st.lists(
@@ -129,78 +126,7 @@ def test_within_a_plateau_the_curve_stays_in_its_range(curve):
             assert min(abs(edge_ips - 27), abs(edge_ips - 33)) < 1e-6
 
 
-@pytest.mark.parametrize(
-    ("amplitude_um", "rate", "words"),
-    [
-        ([], [], r"amplitude_um of shape \(0,\)"),
-        ([1.0, 2.0], [1.0], "2 amplitude_um and 1 rate_ips"),
-        ([1.0, 0.0], [1.0, 2.0], "amplitude_um must be > 0, got 0"),
-        ([-1.0, 2.0], [1.0, 2.0], "amplitude_um must be > 0, got -1"),
-        ([5.0, 2.0, 5.0], [1.0, 2.0, 3.0], "amplitude_um 5"),
-        ([1.0, math.nan], [1.0, 2.0], "amplitude_um is nan at row 1"),
-        ([1.0, 2.0], [math.nan, 2.0], "rate_ips is nan at row 0"),
-    ],
-)
-def test_columns_that_are_no_curve_are_refused(amplitude_um, rate, words):
-    for measure in (entrainment_plateau, entrainment_threshold_um):
-        with pytest.raises(ParameterError, match=words):
-            measure(amplitude_um, rate, 50.0)
-    with pytest.raises(ParameterError, match=words):
-        threshold_amplitude_um(amplitude_um, rate)
-
-
-@given(
-    phase_ms=st.floats(0.0, 50.0),
-    frequency_hz=st.sampled_from([20.0, 50.0, 100.0, 300.0]),
-    cycles=st.lists(st.integers(0, 1000), min_size=1, max_size=50),
-)
-def test_spikes_at_one_phase_have_strength_one(phase_ms, frequency_hz, cycles):
-    """Cycles may be left out: it is the phase that counts, not the rate."""
-    times_ms = phase_ms + np.array(cycles) * 1000.0 / frequency_hz
-
-    strength = vector_strength(times_ms, frequency_hz)
-
-    assert 1.0 - 1e-9 < strength <= 1.0
-
-
-@given(st.integers(2, 40), st.floats(0.0, 20.0))
-def test_spikes_spread_evenly_over_a_cycle_have_strength_zero(spikes, phase_ms):
-    times_ms = phase_ms + 20.0 * np.arange(spikes) / spikes
-
-    assert vector_strength(times_ms, 50.0) < 1e-12
-
-
-@given(st.floats(0.01, 1.0))
-def test_two_phases_have_the_cosine_of_half_their_distance(distance_cycles):
-    """|1 + exp(iφ)| / 2 = |cos(φ/2)|."""
-    times_ms = 4.0 + np.array([0.0, distance_cycles]) * 20.0
-
-    assert vector_strength(times_ms, 50.0) == pytest.approx(
-        abs(math.cos(math.pi * distance_cycles)), abs=1e-12
-    )
-
-
-def test_no_spike_has_no_phase():
-    assert math.isnan(vector_strength([], 50.0))
-    assert vector_strength([3.0], 50.0) == pytest.approx(1.0, rel=1e-14)
-
-
-@pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf])
-def test_a_criterion_or_frequency_that_is_none_is_refused(bad):
-    curve = ([1.0, 2.0], [0.0, 50.0])
-    for measure in (threshold_amplitude_um, entrainment_threshold_um, entrainment_plateau):
-        with pytest.raises(ParameterError, match=str(bad)):
-            measure(*curve, bad)
-    with pytest.raises(ParameterError):
-        vector_strength([1.0], bad)
-
-
-def test_a_spike_time_that_is_not_finite_is_refused():
-    with pytest.raises(ParameterError):
-        vector_strength([1.0, math.nan], 50.0)
-
-
-@pytest.mark.parametrize("name", ["agreement", "encoder", "threshold"])
+@pytest.mark.parametrize("name", ["agreement", "encoder", "threshold", "timing"])
 def test_the_examples_of_the_docstrings_are_true(name):
     outcome = doctest.testmod(import_module(f"neural.{name}"))
 

@@ -1,6 +1,5 @@
 """Spike train distances against their first definitions, limits and axioms."""
 
-import doctest
 import math
 from functools import cache
 
@@ -9,14 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import neural.timing
-from fembridge.errors import ParameterError
-from neural.timing import van_rossum_distance, victor_purpura_distance
+from neural.timing import van_rossum_distance, vector_strength, victor_purpura_distance
 
 # Times on a grid of 0.5 ms, as the membrane's are: trains share spikes.
 trains = st.lists(st.integers(0, 200).map(lambda step: 0.5 * step), max_size=9)
 positive = st.floats(-2.0, 2.0).map(lambda exponent: 10.0**exponent)
-either = pytest.mark.parametrize("distance", [van_rossum_distance, victor_purpura_distance])
 
 
 def first_victor_purpura(times_a_ms, times_b_ms, cost_per_ms):
@@ -92,23 +88,37 @@ def test_long_trains_are_what_their_definitions_say():
     )
 
 
-@either
-@pytest.mark.parametrize("train", [[1.0, math.nan], [math.inf], [[1.0, 2.0]], 3.0])
-def test_what_is_no_train_is_refused(distance, train):
-    for trains_ in (([1.0], train), (train, [1.0])):
-        with pytest.raises(ParameterError):
-            distance(*trains_, 3.0)
+@given(
+    phase_ms=st.floats(0.0, 50.0),
+    frequency_hz=st.sampled_from([20.0, 50.0, 100.0, 300.0]),
+    cycles=st.lists(st.integers(0, 1000), min_size=1, max_size=50),
+)
+def test_spikes_at_one_phase_have_strength_one(phase_ms, frequency_hz, cycles):
+    """Cycles may be left out: it is the phase that counts, not the rate."""
+    times_ms = phase_ms + np.array(cycles) * 1000.0 / frequency_hz
+
+    strength = vector_strength(times_ms, frequency_hz)
+
+    assert 1.0 - 1e-9 < strength <= 1.0
 
 
-@either
-@pytest.mark.parametrize("bad", [-1.0, math.nan, math.inf])
-def test_a_scale_outside_its_meaning_is_refused(distance, bad):
-    with pytest.raises(ParameterError):
-        distance([1.0], [2.0], bad)
+@given(st.integers(2, 40), st.floats(0.0, 20.0))
+def test_spikes_spread_evenly_over_a_cycle_have_strength_zero(spikes, phase_ms):
+    times_ms = phase_ms + 20.0 * np.arange(spikes) / spikes
+
+    assert vector_strength(times_ms, 50.0) < 1e-12
 
 
-def test_the_examples_of_the_docstrings_are_true():
-    outcome = doctest.testmod(neural.timing)
+@given(st.floats(0.01, 1.0))
+def test_two_phases_have_the_cosine_of_half_their_distance(distance_cycles):
+    """|1 + exp(iφ)| / 2 = |cos(φ/2)|."""
+    times_ms = 4.0 + np.array([0.0, distance_cycles]) * 20.0
 
-    assert outcome.attempted > 0
-    assert outcome.failed == 0
+    assert vector_strength(times_ms, 50.0) == pytest.approx(
+        abs(math.cos(math.pi * distance_cycles)), abs=1e-12
+    )
+
+
+def test_no_spike_has_no_phase():
+    assert math.isnan(vector_strength([], 50.0))
+    assert vector_strength([3.0], 50.0) == pytest.approx(1.0, rel=1e-14)

@@ -15,9 +15,8 @@ from fembridge.results.stress import von_mises_pa as tensor_von_mises
 from fembridge.touching.contact import TIP_RADIUS_MM, press_to, skin_nodes
 from fembridge.touching.pad import pad_named
 from fembridge.touching.population import Population
-from fembridge.touching.response import pad_response
 from fembridge.touching.shape import Shape
-from fembridge.touching.stress import SA_NU, driving_stress_pa, sa_stress_pa
+from fembridge.touching.stress import SA_NU, driving_stress_pa, pad_response, sa_stress_pa
 from fembridge.touching.touch import touch_skin
 from fembridge.touching.way import Pins, Way, read_pins
 from neural import parameter_set
