@@ -56,10 +56,10 @@ def here(tmp_path, monkeypatch):
 def unrendered(monkeypatch):
     """Let figures be made and none be rendered, which is most of the time."""
 
-    def save(figure, path, **options):
-        Path(path).write_bytes(PNG)
+    def save(figure, path, dpi):
+        path.write_bytes(PNG)
 
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", save)
+    monkeypatch.setattr("fembridge.plots.style.save_figure", save)
     monkeypatch.setattr("fembridge.plots.sensitivity.effects_figure", lambda table: Figure())
 
 
