@@ -34,7 +34,8 @@ def test_the_examples_are_true(tmp_path, module, monkeypatch):
 
 
 def test_simulate_gives_what_the_command_writes(tmp_path):
-    assert main(["simulate", "--stimulus", "sine_20_250,noise_25_250_20", "-o", "out"]) == 0
+    words = ["--stimulus", "sine_20_250,noise_25_250_20", "--no-plot", "-o", "out"]
+    assert main(["simulate", *words]) == 0
 
     result = fb.simulate(["sine_20_250", "noise_25_250_20"])
 

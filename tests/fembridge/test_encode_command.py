@@ -3,10 +3,12 @@
 import json
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 
 import fembridge as fb
 from fembridge.cli import main
@@ -30,6 +32,12 @@ def traces(afferents=("SA", "RA", "PC"), start_ms=0.0, dt_ms=0.5):
         StressTrace(GAIN_PA.get(name, 1e4) * wave, dt_ms, 100 + k, name, start_ms)
         for k, name in enumerate(afferents)
     ]
+
+
+@pytest.fixture
+def unrendered(monkeypatch):
+    """Let figures be made and none be rendered."""
+    monkeypatch.setattr(Figure, "savefig", lambda figure, path, **how: Path(path).touch())
 
 
 @pytest.fixture
@@ -142,6 +150,7 @@ def spikes_by(path):
     return {(t.afferent, t.unit, t.repeat): t.times_ms.tolist() for t in read_spikes(path)}
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_any_number_of_units_keep_their_names(here, capsys):
     """Each as if it were alone; a unit without a name is called by its node."""
     many = [
@@ -312,6 +321,7 @@ def test_an_even_table_is_resampled_where_that_is_asked(here):
     np.testing.assert_allclose(trace.stress_pa, fine.stress_pa[::10])
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_cut_end_is_said_by_the_function_and_by_the_picture(here, capsys):
     path = here / "sine_50_250.csv"
     path.write_bytes(path.read_bytes()[:-2])

@@ -17,7 +17,6 @@ from fembridge.commands import fit
 from fembridge.errors import OutputError, ResponseError, TableError, UsageError
 from fembridge.fitting import fit as fitting
 from fembridge.fitting.fit import SearchBar
-from fembridge.plots import tradeoffs
 from fembridge.response.response_map import FOLDER, read_map
 from fembridge.store import sha256_of
 from fembridge.tables import Rate, read_rates, write_rates
@@ -85,7 +84,7 @@ def call(tmp_path, observed, parse):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Put an empty figure in the place of the picture: drawing takes seconds."""
-    monkeypatch.setattr(tradeoffs, "tradeoffs_figure", lambda run: Figure(figsize=(1, 1)))
+    monkeypatch.setattr("fembridge.plots.fit.tradeoffs_figure", lambda run: Figure(figsize=(1, 1)))
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +94,7 @@ def made(tmp_path_factory):
     table = write_observed(folder / "rates.csv")
     words = ["--seed", "5", "--rule", "frequency_response", "-o", str(folder / "out")]
     with pytest.MonkeyPatch.context() as undrawn:
-        undrawn.setattr(tradeoffs, "tradeoffs_figure", lambda run: Figure(figsize=(1, 1)))
+        undrawn.setattr("fembridge.plots.fit.tradeoffs_figure", lambda run: Figure(figsize=(1, 1)))
         assert main(["fit", "--observed", str(table), *SHORT, *words]) == 0
     return folder
 
@@ -197,6 +196,7 @@ def test_the_same_seed_gives_the_same_bytes(call, tmp_path, undrawn):
     assert contents(tmp_path / "out") == first
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_interrupt_keeps_the_best_so_far_and_says_so(call, tmp_path, monkeypatch, capsys):
     logged = []
 
