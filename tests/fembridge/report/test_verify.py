@@ -148,7 +148,8 @@ def test_the_cheapest_study_keeps_its_bound_and_its_whole_runs(tmp_path):
     [study] = summary["studies"]
     assert study["increments"] == 45
     assert json.loads((tmp_path / "verification.json").read_text())["studies"] == [study]
-    assert set(outputs_of("verify")) == {"verification.md", "verification.json", "tables/verification_*.csv"}
+    files = {"verification.md", "verification.json", "tables/verification_*.csv"}
+    assert set(outputs_of("verify")) == files
     assert (tmp_path / "verification.md").is_file()
     assert (tmp_path / "tables/verification_patch.csv").is_file()
 
