@@ -20,7 +20,6 @@ Tensors are xx yy zz xy yz zx, VTK's order; nine numbers are a whole one; XDMF's
 xx xy xz yy yz zz (xdmf.org, "XDMF Model and Format", Attribute).
 """
 
-import re
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -266,7 +265,6 @@ class ColumnSource(Source):
         meshio, path = _meshio(), self.path
         try:
             if path.suffix.lower() == ".xdmf":
-                _check_hdf(path)
                 series = meshio.xdmf.TimeSeriesReader(path)
                 points, _ = series.read_points_cells()
                 count = series.num_steps
@@ -348,22 +346,6 @@ def _files_of(path: Path) -> list[tuple[float, Path]]:
     if not found:
         raise ResultError("no DataSet in it", path)
     return found
-
-
-def _check_hdf(path: Path) -> None:
-    """Refuse arrays of an HDF5 beside an XDMF that are larger than a file may be."""
-    text = read_bytes(path, 1 << 24, UsageError).decode("utf-8", errors="replace")
-    found = dict.fromkeys(re.findall(r">\s*([^<>:]+):(/[^<>\s]+)\s*<", text))
-    if not found:
-        return
-    import h5py
-
-    for file in {file for file, _ in found}:
-        with h5py.File(path.parent / file.strip(), "r") as held:
-            for name in [name for other, name in found if other == file]:
-                if held[name].nbytes > _MOST_BYTES:
-                    words = f"{name} of {file.strip()} has {held[name].nbytes} bytes"
-                    raise ResultError(f"{words}, at most {_MOST_BYTES} are read", path)
 
 
 def _meshio() -> Any:  # noqa: ANN401 - a module without types

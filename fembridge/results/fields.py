@@ -73,11 +73,6 @@ class Field:
         object.__setattr__(self, "nodes", nodes)
         object.__setattr__(self, "values", values)
 
-    @property
-    def key(self) -> Key:
-        """Step and increment: what joins the fields of one output."""
-        return self.step, self.increment
-
     def component(self, name: str) -> FloatArray:
         """Values of one component, ``(N,)``."""
         if name not in self.components:
@@ -153,7 +148,7 @@ def write_field(path: Path, field: Field) -> None:
         raise UsageError(f"{path}: expected a name in {' or '.join(FIELD_SUFFIXES)}")
     if suffix == ".csv":
         rows = zip(field.nodes.tolist(), field.values, strict=True)
-        header = ("node", *column_names(field))
+        header = ("node", *history.column_names(field.components, field.units))
         write_table(path, header, ((node, *values.tolist()) for node, values in rows))
         return
     named = ("step", "increment", "time_ms", "axis", "axis_value", "components", "units")
@@ -164,17 +159,13 @@ def write_field(path: Path, field: Field) -> None:
         )
 
 
-def column_names(field: Field) -> list[str]:
-    """A name for each component that carries its unit: ``sxx_pa``."""
-    return history.column_names(field.components, field.units)
-
-
 def arrays_of(field: Field) -> dict[str, FloatArray]:
     """`field` as arrays whose names carry the unit; of several units one a component."""
     if len(set(field.units)) == 1:
         values = field.values[:, 0] if len(field.units) == 1 else field.values
         return {field.name + history.unit_ending(field.units[0]): values}
-    columns = zip(column_names(field), field.values.T, strict=True)
+    names = history.column_names(field.components, field.units)
+    columns = zip(names, field.values.T, strict=True)
     return {f"{field.name}_{name}": column for name, column in columns}
 
 

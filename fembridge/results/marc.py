@@ -101,11 +101,6 @@ class Quantity:
     layer: int = 0
     mises: bool = False
 
-    @property
-    def is_tensor(self) -> bool:
-        """Whether it has the six components of a symmetric tensor."""
-        return len(self.components) == len(TENSOR)
-
     def __str__(self) -> str:
         first, last = self.codes[0], self.codes[-1]
         codes = f"code {first}" if first == last else f"codes {first} to {last}"
@@ -144,7 +139,7 @@ def stress_tensor(codes: tuple[PostCode, ...], path: Path) -> Quantity:
     """The stress tensor that traces are made of."""
     found = element_quantities(codes)
     for code in STRESS_CODES:
-        same = [one for one in found if one.codes[0] == code and one.is_tensor]
+        same = [one for one in found if one.codes[0] == code and len(one.components) == 6]
         if len(same) > 1:
             layers = ", ".join(str(one.layer) for one in same)
             words = f"code {code} is stored for layers {layers}: a shell has no one stress at a"

@@ -185,21 +185,6 @@ def test_what_a_table_lacks_is_named(tmp_path, text, names, words):
         read(path, [1], columns=names)
 
 
-def test_an_hdf5_that_announces_gigabytes_is_refused(tmp_path, monkeypatch):
-    h5py = pytest.importorskip("h5py")
-    monkeypatch.chdir(tmp_path)
-    with meshio.xdmf.TimeSeriesWriter("them.xdmf") as out:
-        out.write_points_cells(np.zeros((1, 3)), [("vertex", np.array([[0]]))])
-        out.write_data(0.0, point_data={"S": np.zeros(1)})
-    with h5py.File("them.h5", "a") as held:
-        name = list(held)[-1]
-        del held[name]
-        held.create_dataset(name, shape=(10**11,), dtype="f8", chunks=True)
-    assert (tmp_path / "them.h5").stat().st_size < 20_000
-    with pytest.raises(ResultError, match="has 800000000000 bytes, at most 268435456 are read"):
-        read(tmp_path / "them.xdmf", [1], columns={"time": "t", "value": "S"})
-
-
 def test_an_npz_that_unpacks_to_more_than_the_bound_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("fembridge.results.columns._MOST_BYTES", 1 << 20)
     path = tmp_path / "bomb.npz"

@@ -18,7 +18,7 @@ from opened import choose_nodes, near_nodes, read_field
 from fembridge import read, write_vtu_series
 from fembridge.errors import FembridgeError, ResultError, UsageError
 from fembridge.results import describe
-from fembridge.results.fields import column_names
+from fembridge.results.history import column_names
 from fembridge.results.readers import ReadOptions, open_source
 from fembridge.results.source import read_values
 
@@ -66,7 +66,7 @@ def test_a_nodal_field_has_all_nodes_but_those_of_pressure(path, plane):
     field = read_field(path, "disp", "2")
     assert field.name == "Displacement"
     assert set(field.nodes.tolist()) == plane.bearing
-    assert column_names(field) == ["dx_mm", "dy_mm"]
+    assert column_names(field.components, field.units) == ["dx_mm", "dy_mm"]
     for node, (x, y) in zip(field.nodes.tolist(), field.values.tolist(), strict=True):
         assert (x, y) == (pytest.approx(0.002), -node)
 
