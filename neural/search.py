@@ -15,7 +15,6 @@ import numpy as np
 
 from fembridge.errors import ParameterError
 from fembridge.typing import FloatArray
-from neural.agreement import Agreement, agreement
 from neural.fit_problem import FitProblem
 from neural.models import Free
 from neural.parameters import AfferentParameters
@@ -213,14 +212,8 @@ class Choice:
     """Row of the front that a rule took, and why, in a sentence."""
 
     row: int
-    rule: str
     why: str
-
-
-@dataclass(frozen=True, slots=True)
-class _Rule:
-    sentence: str
-    take: Callable[[FitProblem, Front], tuple[int, str]]
+    rule: str
 
 
 def choose(problem: FitProblem, front: Front, rule: str = "smallest_error") -> Choice:
@@ -231,10 +224,9 @@ def choose(problem: FitProblem, front: Front, rule: str = "smallest_error") -> C
     ParameterError
         No such rule.
     """
-    if rule not in _RULES:
-        raise ParameterError(f"rule {rule!r}, expected one of {', '.join(_RULES)}")
-    row, why = _RULES[rule].take(problem, front)
-    return Choice(row, rule, why)
+    if rule not in RULES:
+        raise ParameterError(f"rule {rule!r}, expected one of {', '.join(RULES)}")
+    return Choice(*_TAKEN_BY[rule](problem, front), rule)
 
 
 def _smallest_error(problem: FitProblem, front: Front) -> tuple[int, str]:
@@ -311,30 +303,25 @@ def frequency_response_error_ips(problem: FitProblem, values: FloatArray) -> Flo
     return error
 
 
-_RULES: Mapping[str, _Rule] = MappingProxyType(
+RULES: Mapping[str, str] = MappingProxyType(
     {
-        "smallest_error": _Rule(
-            "the smallest RMSE over all stimuli together; with thresholds or spikes, of "
-            "candidates within a tenth of it the one with the smallest of those errors",
-            _smallest_error,
-        ),
-        "balanced": _Rule(
-            "the same with thresholds or spikes, of candidates within a quarter of it", _balanced
-        ),
-        "tolerant": _Rule(
-            "the smallest RMSE of those with no threshold off by more than 3 times and vector "
-            "strengths off by 0.15 at most (RMS); where there is none, as balanced",
-            _tolerant,
-        ),
-        "frequency_response": _Rule(
-            "of candidates within a tenth of the smallest RMSE, the one whose mean "
-            "rate at each frequency is closest to the observed",
-            _frequency_response,
-        ),
+        "smallest_error": "the smallest RMSE over all stimuli together; with thresholds or spikes, "
+        "of candidates within a tenth of it the one with the smallest of those errors",
+        "balanced": "the same with thresholds or spikes, of candidates within a quarter of it",
+        "tolerant": "the smallest RMSE of those with no threshold off by more than 3 times and "
+        "vector strengths off by 0.15 at most (RMS); where there is none, as balanced",
+        "frequency_response": "of candidates within a tenth of the smallest RMSE, the one whose "
+        "mean rate at each frequency is closest to the observed",
     }
 )
+"""Rules that take a candidate, in words."""
 
-RULES: Mapping[str, str] = MappingProxyType({name: rule.sentence for name, rule in _RULES.items()})
+_TAKEN_BY: Mapping[str, Callable[[FitProblem, Front], tuple[int, str]]] = {
+    "smallest_error": _smallest_error,
+    "balanced": _balanced,
+    "tolerant": _tolerant,
+    "frequency_response": _frequency_response,
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -345,50 +332,26 @@ class Trial:
     that saw no stimulus of its group.
     """
 
-    seed: int
     parameters: AfferentParameters
     fitted_ips: FloatArray
     held_out_ips: FloatArray
-    fitted: Agreement
-    held_out: Agreement
 
 
 def cross_validate(
-    problem: FitProblem,
-    seed: int,
-    *,
-    evaluations: int = EVALUATIONS,
-    population: int = POPULATION,
-    rule: str = "smallest_error",
-    on_fit: Callable[[str], None] = lambda name: None,
+    problem: FitProblem, seed: int, *, evaluations: int = EVALUATIONS, rule: str = "smallest_error"
 ) -> Trial:
-    """Fit on all groups, then once without each; the seed is that of every search.
-
-    Raises
-    ------
-    ParameterError
-        A single group: nothing would be left to fit on.
-    """
+    """Fit on all groups, then once without each; the seed is that of every search."""
 
     def best_of(part: FitProblem, words: str) -> FloatArray:
-        front = search_front(part, seed=seed, evaluations=evaluations, population=population)
+        front = search_front(part, seed=seed, evaluations=evaluations)
         if not front.finished:
             raise KeyboardInterrupt
-        on_fit(words)
         found: FloatArray = front.values[choose(part, front, rule).row]
         return found
 
     held_out = held_out_ips(problem, best_of)
     best = best_of(problem, "all groups")
-    fitted = problem.rates_ips(best)[0]
-    return Trial(
-        seed=seed,
-        parameters=problem.parameters(best),
-        fitted_ips=fitted,
-        held_out_ips=held_out,
-        fitted=agreement(problem.observed_ips, fitted),
-        held_out=agreement(problem.observed_ips, held_out),
-    )
+    return Trial(problem.parameters(best), problem.rates_ips(best)[0], held_out)
 
 
 def held_out_ips(

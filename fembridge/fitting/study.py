@@ -166,7 +166,10 @@ def _trials_of(
     rows = []
     for seed in seeds:
         trial = cross_validate(problem, seed, evaluations=evaluations)
-        fitted, held_out = trial.fitted, trial.held_out
+        fitted, held_out = (
+            agreement(problem.observed_ips, rates_ips)
+            for rates_ips in (trial.fitted_ips, trial.held_out_ips)
+        )
         rows.append(
             {
                 "afferent": case.afferent,

@@ -39,7 +39,7 @@ def test_fields_at_a_multiple_of_threshold_are_about_as_large_as_in_man():
     for name, human_mm2 in (("SA", 11.0), ("RA", 12.6)):
         point, branched = (
             fb.receptive_field(name, depth_um=[], times_threshold=[4.5], **endings)
-            for endings in ({"endings_mm": 0.0, "step_mm": 0.5}, {})
+            for endings in ({"endings_mm": 0.0, "step_mm": 0.5}, {"step_mm": 0.38})
         )
         areas_mm2 = [one.areas["area_mm2"].item() for one in (point, branched)]
         assert 1.5 * areas_mm2[0] < areas_mm2[1]
