@@ -4,6 +4,7 @@ It knows cards, options and data lines, nothing of fingers.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from decks.probe import Probe
 from fembridge.stimulus import Stimulus
 
 
-@dataclass
+@dataclass(eq=False)
 class Deck:
     """Cards in order: ``(keyword, options, data lines as words)``."""
 
@@ -36,11 +37,13 @@ class Deck:
     def set_of(self, name):
         return [int(word) for row in self.one("NSET", NSET=name)[2] for word in row]
 
+    @cache  # noqa: B019 - few decks
     def nodes(self):
         return {
             int(row[0]): tuple(map(float, row[1:])) for card in self.all("NODE") for row in card[2]
         }
 
+    @cache  # noqa: B019 - few decks
     def elements(self):
         return {
             int(row[0]): tuple(map(int, row[1:])) for card in self.all("ELEMENT") for row in card[2]

@@ -65,6 +65,11 @@ def test_ten_lines_make_another_finger(tmp_path):
     assert all(getattr(finger, part) == getattr(QUICK, part) for part in untouched)
 
 
+def test_a_finger_without_a_name_has_that_of_its_file(tmp_path):
+    finger = read_finger(write(tmp_path, "[materials.dermis]\nyoung_mpa = 0.03\n", "soft.toml"))
+    assert (finger.name, finger.materials["dermis"].young_mpa) == ("soft", 0.03)
+
+
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_preset_is_found_by_its_name(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

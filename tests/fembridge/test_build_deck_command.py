@@ -94,11 +94,8 @@ def test_options_arrive_in_the_deck_and_its_record(here, words, inputs):
     ("words", "code", "found"),
     [
         (["--stimulus", "sine_20_-5"], 2, "sine_20_-5"),
-        (["--stimulus", "nois_25_250"], 2, "did you mean noise_25_250"),
         (["--friction", "-1"], 2, "friction must be >= 0"),
-        (["--friction", "nan"], 2, "friction must be finite"),
         (["--stiffness-mpa-per-mm", "0"], 2, "--stiffness-mpa-per-mm must be > 0"),
-        (["--preindent-um", "nan"], 2, "--preindent-um must be"),
         (["--probe-diameter-mm", "-1"], 2, "probe: diameter_mm must be 0.01 to 20"),
         (["--probe-fillet-mm", "0.05"], 2, "--probe-shape flat"),
         (["--probe-x-mm", "50"], 1, "the probe spans x = "),
@@ -106,13 +103,9 @@ def test_options_arrive_in_the_deck_and_its_record(here, words, inputs):
         (["--slide-mm-per-s", "0"], 2, "slides at 0 mm/s"),
         (["--slide-mm-per-s", "1e4"], 1, "expected inside the pad"),
         (["--solver", "marc", "--slide-mm-per-s", "4"], 1, "no sliding probe for marc"),
-        (["--solver", "marc", "--inertia"], 1, "writes no inertia for marc"),
         (["--solver", "marc", "--contact", "surface-to-surface"], 2, "marc has no formulation"),
-        (["--solver", "marc", "--stiffness-mpa-per-mm", "9"], 2, "no stiffness_mpa_per_mm"),
         (["--solver", "marc", "--element", "82"], 2, "marc has no element '82'"),
-        (["--element", "80"], 2, "calculix has no element '80'"),
         (["--probe-body", "rigid"], 2, "no probe 'rigid'"),
-        (["--solver", "abaqus", "--results", "text"], 2, "no results 'text'"),
         (["--solver", "marc", "--frames", "5"], 2, "a deck for marc has results at all nodes"),
         (["--inertia", "--frames", "5"], 2, "frames: 1 alone where inertia counts"),
         (["--frames", "-1"], 2, "frames is -1, expected 1 or more"),
@@ -126,17 +119,6 @@ def test_what_no_deck_can_hold_is_one_line_and_nothing_is_written(here, capsys, 
     assert streams.err.count("\n") == 1
     assert streams.out == ""
     assert list(here.iterdir()) == []
-
-
-def test_a_finger_of_ten_lines_is_built_with_its_own_name(here):
-    (here / "soft.toml").write_text("[materials.dermis]\nyoung_mpa = 0.03\n")
-
-    words = ["build-deck", "--stimulus", "sine_20_250", "--finger", "soft.toml"]
-    assert main(words) == 0
-
-    inputs = read_run_folder(here / "runs/sine_20_250").inputs
-    assert inputs["finger"]["name"] == "soft"
-    assert inputs["finger"]["materials"]["dermis"]["young_mpa"] == 0.03
 
 
 def test_help_shows_an_example_that_runs(here, capsys):
