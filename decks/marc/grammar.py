@@ -480,8 +480,11 @@ def _span(line: Line, item: re.Match[str], paired: bool) -> Sequence[Member]:
 def _member(line: Line, word: str, paired: bool) -> tuple[int, int]:
     found = (_PAIR if paired else _NUMBER).match(word)
     if found is None:
-        what = "element:side, as `7:0`, `1:0 to 9:0`" if paired else "a number, as `7`, `1 to 9`"
-        raise line.refuse(f"{word!r} in a list, expected {what}; a line that goes on ends in `c`")
+        side, what = (":0", "element:side") if paired else ("", "a number")
+        raise line.refuse(
+            f"{word!r} in a list, expected {what}, as in `7{side}` or `1{side} to 9{side}`; a line "
+            "that goes on ends in `c`"
+        )
     return (int(found[1]), int(found[2])) if paired else (int(found[0]), 0)
 
 

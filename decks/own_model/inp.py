@@ -238,7 +238,7 @@ def _waveform_edits(drive: Drive, motion: Motion, length_mm: float) -> Change:
         (fixed(time_s, _TIME_DIGITS), fixed(value, _VALUE_DIGITS))
         for time_s, value in zip(times_s, values, strict=True)
     ).splitlines()
-    curve, first, head = drive.amplitude, drive.push[0], drive.step.head
+    curve = drive.amplitude
     samples = f"holds the waveform, {len(motion.time_s)} samples"
     if curve is None:
         edits, remarks = _new_amplitude(drive, lines)
@@ -256,6 +256,17 @@ def _waveform_edits(drive: Drive, motion: Motion, length_mm: float) -> Change:
                 f"{curve.where}: it began at {began:g}; the waveform begins where the mesh has "
                 "the probe"
             )
+    remarks += _about(drive, length_mm)
+    for later in drive.steps[drive.step.number :]:
+        text = later.head.text if later.head.text.name else later.end.text
+        remarks.append(f"{later.head.where}: left out to *END STEP, the run ends with the waveform")
+        edits.append(_edit(text, later.head.start, later.end.body))
+    return edits, remarks
+
+
+def _about(drive: Drive, length_mm: float) -> list[str]:
+    """Where the waveform leads, from where, in which unit, and from when."""
+    first, head, remarks = drive.push[0], drive.step.head, list[str]()
     signs = {push.magnitude > 0 for push in drive.push}
     for push in drive.push if len(signs) > 1 else (first,):
         sign = "+" if push.magnitude > 0 else "-"
@@ -279,11 +290,7 @@ def _waveform_edits(drive: Drive, motion: Motion, length_mm: float) -> Change:
             f"{head.where}: the step begins at {drive.start_s:g} s of total "
             "time, and the waveform with it"
         )
-    for later in drive.steps[drive.step.number :]:
-        text = later.head.text if later.head.text.name else later.end.text
-        remarks.append(f"{later.head.where}: left out to *END STEP, the run ends with the waveform")
-        edits.append(_edit(text, later.head.start, later.end.body))
-    return edits, remarks
+    return remarks
 
 
 def _new_amplitude(drive: Drive, lines: list[str]) -> Change:
@@ -327,24 +334,59 @@ def _increment_edits(
     deck: Deck, drive: Drive, motion: Motion, request: Request, *, abaqus: bool
 ) -> Change:
     """The procedure's line and options in the waveform's step, with remarks."""
-    step, count, edits, remarks = drive.step, motion.increments, list[Edit](), list[str]()
-    automatic = request.increments == "automatic"
+    automatic, count = request.increments == "automatic", motion.increments
     procedure = _procedure(drive, abaqus)
-    option = step.head.option("INC")
-    most = _DEFAULT_MOST if option is None else whole(option.value or "", step.head.where)
+    creeping = procedure.keyword == "VISCO" and abaqus
     needed = count * (_CUTS if automatic else 1)
+    edits, remarks = _step_edits(deck, drive, procedure, needed, abaqus)
+    dt, period = fixed(motion.dt_s, _TIME_DIGITS), fixed(count * motion.dt_s, _TIME_DIGITS)
+    direct = procedure.option("DIRECT")
+    if automatic:
+        if creeping:
+            raise procedure.error("*VISCO has automatic increments with CETOL, which is not set")
+        if direct is not None:
+            edits.append(_without_option(procedure, direct))
+        edits += _time_points(deck, drive, f"{dt}, {period}, {dt}")
+        line = f"{dt}, {period}, {fixed(_SMALLEST * motion.dt_s, 9)}, {dt}"
+        takes = (
+            f" takes increments of {motion.dt_s:g} s or less, with results at {count} time points"
+        )
+    else:
+        if direct is None:
+            if not creeping:  # whose increments are fixed without CETOL
+                edits.append(_with_option(procedure, None, "DIRECT"))
+        elif direct.word.startswith("NO") and not (abaqus and direct.word == "NOSTOP"):
+            edits.append(_with_option(procedure, direct, "DIRECT"))  # to ccx, NO STOP is a no
+        line = f"{dt}, {period}"
+        takes = f", DIRECT takes {count} increments"
+    rows = list(procedure.rows())[:1]
+    was = procedure.text.data[rows[0].start : rows[0].stop].strip() if rows else b"nothing"
+    edits += _in_place_of(procedure, rows, [line])
+    remarks.append(
+        f"{procedure.where}: {procedure.title}{takes}: {line} (was: {was.decode('latin-1')})"
+    )
+    return edits, remarks
+
+
+def _step_edits(deck: Deck, drive: Drive, procedure: Block, needed: int, abaqus: bool) -> Change:
+    """What lets a solver take `needed` increments: INC, for ccx NLGEOM and a solver it has."""
+    edits, remarks = list[Edit](), list[str]()
+    head, up_to_here = drive.step.head, drive.steps[: drive.step.number]
+    option = head.option("INC")
+    most = _DEFAULT_MOST if option is None else whole(option.value or "", head.where)
     if most < needed:
-        remarks.append(f"{step.head.where}: INC raised from {most} to {needed}")
-        edits.append(_with_option(step.head, option, f"INC={needed}"))
-    before = drive.steps[: step.number]
+        remarks.append(f"{head.where}: INC raised from {most} to {needed}")
+        edits.append(_with_option(head, option, f"INC={needed}"))
+    if abaqus:
+        return edits, remarks
     linear = procedure.keyword != "DYNAMIC" and not deck.of(*_NONLINEAR)
-    if not abaqus and linear and not any(one.head.option("NLGEOM") for one in before):
+    if linear and not any(one.head.option("NLGEOM") for one in up_to_here):
         remarks.append(
-            f"{step.head.where}: NLGEOM put in: without it, contact or a nonlinear material ccx "
+            f"{head.where}: NLGEOM put in: without it, contact or a nonlinear material ccx "
             "makes one increment of a step"
         )
-        edits.append(_with_option(step.head, None, "NLGEOM"))
-    for one in () if abaqus else [each for step in before for each in step.of(*MOVABLE)]:
+        edits.append(_with_option(head, None, "NLGEOM"))
+    for one in (each for step in up_to_here for each in step.of(*MOVABLE)):
         solver = one.option("SOLVER")
         if solver is not None and solver.word not in _SOLVERS and not one.text.name:
             remarks.append(
@@ -352,42 +394,16 @@ def _increment_edits(
                 "takes the best of its own"
             )
             edits.append(_without_option(one, solver))
-    direct = procedure.option("DIRECT")
-    period = fixed(count * motion.dt_s, _TIME_DIGITS)
-    rows = list(procedure.rows())
-    was = procedure.text.data[rows[0].start : rows[0].stop].strip() if rows else b"nothing"
-    words = f"(was: {was.decode('latin-1')})"
-    if automatic:
-        if procedure.keyword == "VISCO" and abaqus:
-            raise procedure.error("*VISCO has automatic increments with CETOL, which is not set")
-        dt, least = fixed(motion.dt_s, _TIME_DIGITS), fixed(_SMALLEST * motion.dt_s, 9)
-        line = f"{dt}, {period}, {least}, {dt}"
-        if direct is not None:
-            edits.append(_without_option(procedure, direct))
-        edits += _in_place_of(procedure, rows[:1], [line])
-        points = next((one for one in deck.of("TIMEPOINTS") if one.word("NAME") == _TIMES), None)
-        new = [f"*TIME POINTS, NAME={_TIMES}, GENERATE", f"{dt}, {period}, {dt}"]
-        if points is None:
-            edits.append(_inserted(drive.steps[0].head.text, drive.steps[0].head.start, new))
-        else:
-            edits += _in_place_of(points, list(points.rows()), new[1:])
-        remarks.append(
-            f"{procedure.where}: {procedure.title} takes increments of {motion.dt_s:g} s or less, "
-            f"with results at {count} time points: {line} {words}"
-        )
-        return edits, remarks
-    no_stop = abaqus and direct is not None and direct.word == "NOSTOP"
-    if direct is None:
-        if not (procedure.keyword == "VISCO" and abaqus):  # fixed there without CETOL
-            edits.append(_with_option(procedure, None, "DIRECT"))
-    elif direct.word.startswith("NO") and not no_stop:  # to ccx, NO STOP is a no
-        edits.append(_with_option(procedure, direct, "DIRECT"))
-    line = f"{fixed(motion.dt_s, _TIME_DIGITS)}, {period}"
-    edits += _in_place_of(procedure, rows[:1], [line])
-    remarks.append(
-        f"{procedure.where}: {procedure.title}, DIRECT takes {count} increments: {line} {words}"
-    )
     return edits, remarks
+
+
+def _time_points(deck: Deck, drive: Drive, line: str) -> list[Edit]:
+    """The samples as points in time, before the first step or where the deck has them."""
+    for block in deck.of("TIMEPOINTS"):
+        if block.word("NAME") == _TIMES:
+            return _in_place_of(block, list(block.rows()), [line])
+    head = drive.steps[0].head
+    return [_inserted(head.text, head.start, [f"*TIME POINTS, NAME={_TIMES}, GENERATE", line])]
 
 
 def _procedure(drive: Drive, abaqus: bool) -> Block:
