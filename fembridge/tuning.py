@@ -214,12 +214,12 @@ def _fires(
     found = encode_cells(stress_pa, dt_ms, replace(parameters, dt_ms=dt_ms))
     cycle_ms = 1000.0 / frequency_hz
     cycles = math.floor(unit.window_ms[1] / cycle_ms + 1e-9) - 1
-    start_ms, end_ms = cycle_ms, (cycles + 1) * cycle_ms
+    ends_ms = np.array([cycle_ms, (cycles + 1) * cycle_ms]) + 1e-6
     fires = np.empty((amplitudes_um.size, 2, parameters.cells), np.bool_)
     for row, cells in enumerate(found):
         for cell, times_ms in enumerate(cells):
-            inside = (times_ms > start_ms + 1e-6) & (times_ms <= end_ms + 1e-6)
-            fires[row, :, cell] = times_ms.size > 0, np.count_nonzero(inside) >= cycles
+            before, until = times_ms.searchsorted(ends_ms, side="right")
+            fires[row, :, cell] = times_ms.size > 0, until - before >= cycles
     return fires
 
 

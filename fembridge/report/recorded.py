@@ -190,11 +190,6 @@ def timing_of(trains: Sequence[SpikeTrain]) -> "DataFrame":
     return DataFrame(rows, columns=list(TIMING_COLUMNS))
 
 
-def records(table: "DataFrame") -> list[dict[Any, Any]]:
-    """Rows of a table."""
-    return table.to_dict("records")
-
-
 def _numbers(
     trains_ms: Sequence[FloatArray], frequency_hz: float, window_ms: tuple[float, float]
 ) -> tuple[float, float, float]:
@@ -214,7 +209,7 @@ def _beside(recorded: "DataFrame", preindent_um: float, spikes: Spikes) -> "Data
     from pandas import DataFrame
 
     rows = []
-    for row in records(recorded):
+    for row in recorded.to_dict("records"):
         frequency_hz = row["frequency_hz"]
         stimulus = vibration(frequency_hz, row["amplitude_um"], preindent_um)
         cells = spikes(row["afferent"], stimulus)

@@ -9,7 +9,7 @@ import numpy as np
 from fembridge.evidence import TIMING_COLUMNS
 from fembridge.report import rates
 from fembridge.report.rates import EVERY_SET, FAMILIES, FINGERTIP, OBSERVED, Family, row_of
-from fembridge.report.recorded import RAMP, records
+from fembridge.report.recorded import RAMP
 from fembridge.report.validate import Validation
 from fembridge.tables import AFFERENTS, SpikeTrain
 from fembridge.words import number
@@ -115,7 +115,7 @@ def _held_out_shortfalls(study: Validation) -> Iterator[str]:
 
 
 def _timing_shortfalls(timing: "DataFrame") -> Iterator[str]:
-    for row in records(timing[~timing["strengths_near"]]):
+    for row in timing[~timing["strengths_near"]].to_dict("records"):
         mine, theirs = (
             " and ".join(f"{row[f'{prefix}{name}']:.2f}" for name in TIMING_COLUMNS[3:][1:])
             for prefix in ("model_", "")
@@ -130,7 +130,7 @@ def _timing_shortfalls(timing: "DataFrame") -> Iterator[str]:
         words = ", ".join(
             f"{row['model_keenest_impulses']:.1f} instead of {row[TIMING_COLUMNS[3:][0]]:.1f} at "
             f"{row['amplitude_um']:g} µm"
-            for row in records(off[off["afferent"] == afferent])
+            for row in off[off["afferent"] == afferent].to_dict("records")
         )
         yield f"{afferent}, impulses a cycle of the keenest cell: {words}."
 
@@ -139,7 +139,7 @@ def _tuning_shortfalls(tuning: "DataFrame") -> Iterator[str]:
     known = tuning.dropna(subset="ratio")
     known = known.assign(times=np.exp(np.abs(np.log(known["ratio"]))))
     for afferent in dict.fromkeys(known["afferent"]):
-        rows = records(known[known["afferent"] == afferent].sort_values("times"))
+        rows = known[known["afferent"] == afferent].sort_values("times").to_dict("records")
         median, worst = float(np.median([row["times"] for row in rows])), rows[-1]
         if median > MEDIAN_TIMES or worst["times"] > MOST_TIMES:
             yield (
@@ -152,7 +152,7 @@ def _tuning_shortfalls(tuning: "DataFrame") -> Iterator[str]:
 def _man_shortfalls(man: "DataFrame") -> Iterator[str]:
     for afferent, mine in man.groupby("afferent", sort=False):
         apart = (mine["model"] - mine["impulses_per_cycle"]).abs()
-        row = records(mine)[int(apart.to_numpy().argmax())]
+        row = mine.to_dict("records")[int(apart.to_numpy().argmax())]
         if apart.max() > IMPULSES_IN_MAN_APART:
             yield (
                 f"{afferent}, impulses a cycle in man: farthest off with {row['model']:.1f} "

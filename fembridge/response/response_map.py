@@ -105,7 +105,7 @@ class ResponseMap:
         tensor_pa = self.tensors(stimulus.displacement_um, stimulus.id)
         return [
             StressTrace(
-                self._scalar_pa(tensor_pa, column, (models or {}).get(place.afferent)),
+                self._scalar_pa(tensor_pa[:, column], place, (models or {}).get(place.afferent)),
                 stimulus.dt_ms,
                 place.node,
                 place.afferent,
@@ -125,21 +125,28 @@ class ResponseMap:
             raise ResponseError(f"no {model.afferent} in the response, only {', '.join(classes)}")
         column = classes.index(model.afferent)
         found = [
-            self._scalar_pa(self.tensors(one.displacement_um, one.id), column, model)
+            self._scalar_pa(
+                self.tensors(one.displacement_um, one.id, column), self.places[column], model
+            )
             for one in stimuli
         ]
         longest = max(map(len, found))
         return np.stack([np.pad(one, (0, longest - len(one)), mode="edge") for one in found], -1)
 
     def _scalar_pa(
-        self, tensor_pa: FloatArray, column: int, model: Model | AfferentParameters | None
+        self, tensor_pa: FloatArray, place: AfferentNode, model: Model | AfferentParameters | None
     ) -> FloatArray:
         if model is not None and _reads_energy(model):
-            return energy_stress_pa(tensor_pa[:, column], self.poisson_at(self.places[column]))
-        return von_mises_pa(tensor_pa[:, column])
+            return energy_stress_pa(tensor_pa, self.poisson_at(place))
+        return von_mises_pa(tensor_pa)
 
-    def tensors(self, displacement_um: FloatArray, name: str = "probe") -> FloatArray:
-        """Stress tensors ``(T, afferent, 6)`` in Pa at probe depths ``(T,)``."""
+    def tensors(
+        self, displacement_um: FloatArray, name: str = "probe", column: int | None = None
+    ) -> FloatArray:
+        """Stress tensors ``(T, afferent, 6)`` in Pa at probe depths ``(T,)``.
+
+        Of the afferent in one `column` alone ``(T, 6)``.
+        """
         if not np.isfinite(displacement_um).all():
             raise ResponseError(f"{name}: a probe depth is not finite")
         deepest_um = float(displacement_um.max())
@@ -148,12 +155,14 @@ class ResponseMap:
                 f"{name} goes {deepest_um:.9g} um deep, the response map reaches "
                 f"{self.deepest_um:g} um"
             )
-        if self._curve is None:
-            from scipy.interpolate import PchipInterpolator  # slow to import
+        from scipy.interpolate import PchipInterpolator, PPoly  # slow to import
 
+        if self._curve is None:
             curve = PchipInterpolator(self.depth_um, self.tensor_pa, axis=0)
             object.__setattr__(self, "_curve", curve)
-        tensor_pa: FloatArray = self._curve(np.maximum(displacement_um, 0.0))  # type: ignore[misc]
+        known: PPoly = self._curve
+        mine = known if column is None else PPoly(known.c[:, :, column], known.x)
+        tensor_pa: FloatArray = mine(np.maximum(displacement_um, 0.0))
         return tensor_pa
 
     def poisson_at(self, place: AfferentNode) -> float:
