@@ -4,6 +4,19 @@ import numpy as np
 import pytest
 
 
+@pytest.fixture
+def unrendered(monkeypatch):
+    """Let no figure be rendered, which is most of the time, nor those of many panels be made."""
+    from matplotlib.figure import Figure
+
+    def save(figure, path, dpi=None):
+        path.write_bytes(b"<svg/>" if path.suffix == ".svg" else b"\x89PNG\r\n\x1a\n")
+
+    monkeypatch.setattr("fembridge.plots.style.save_figure", save)
+    for name in ("effects_figure", "regressions_figure"):
+        monkeypatch.setattr(f"fembridge.plots.sensitivity.{name}", lambda *of: Figure())
+
+
 @pytest.fixture(scope="session")
 def words_of():
     """Words of a figure that are drawn: not those of ticks beyond an axis' ends."""

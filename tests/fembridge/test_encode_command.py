@@ -3,12 +3,10 @@
 import json
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib.figure import Figure
 
 import fembridge as fb
 from fembridge.cli import main
@@ -32,12 +30,6 @@ def traces(afferents=("SA", "RA", "PC"), start_ms=0.0, dt_ms=0.5):
         StressTrace(GAIN_PA.get(name, 1e4) * wave, dt_ms, 100 + k, name, start_ms)
         for k, name in enumerate(afferents)
     ]
-
-
-@pytest.fixture
-def unrendered(monkeypatch):
-    """Let figures be made and none be rendered."""
-    monkeypatch.setattr(Figure, "savefig", lambda figure, path, **how: Path(path).touch())
 
 
 @pytest.fixture

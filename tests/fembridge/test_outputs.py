@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 import fembridge
 from fembridge import cli
@@ -38,16 +37,9 @@ def matches(header, names):
 
 
 @pytest.fixture
-def here(tmp_path, monkeypatch):
+def here(tmp_path, monkeypatch, unrendered):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("FEMBRIDGE_CCX", "/bin/sh")  # found, never started
-    # Pictures are not rendered: here is what the tables hold.
-    monkeypatch.setattr(
-        "matplotlib.figure.Figure.savefig",
-        lambda figure, path, **how: Path(path).write_text('<svg width="1" height="1"/>', "utf-8"),
-    )
-    for name in ("effects_figure", "regressions_figure"):
-        monkeypatch.setattr(f"fembridge.plots.sensitivity.{name}", lambda *of: Figure())
     Path("observed.csv").write_text(OBSERVED, encoding="utf-8")
     Path("study.toml").write_text(STUDY, encoding="utf-8")
     return tmp_path

@@ -52,17 +52,6 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.fixture
-def unrendered(monkeypatch):
-    """Let figures be made and none be rendered, which is most of the time."""
-
-    def save(figure, path, dpi):
-        path.write_bytes(PNG)
-
-    monkeypatch.setattr("fembridge.plots.style.save_figure", save)
-    monkeypatch.setattr("fembridge.plots.sensitivity.effects_figure", lambda table: Figure())
-
-
 def summary(capsys, *words):
     assert main(["plot", *words, "--json"]) == 0
     return json.loads(capsys.readouterr().out)
