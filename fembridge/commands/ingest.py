@@ -533,7 +533,9 @@ def _lines(name: str, value: Any) -> Iterator[str]:  # noqa: ANN401 - whatever J
     one_of = name.replace("bodies", "body").removesuffix("s")
     if name == "quantities":
         yield from map(_quantity, value)
-    elif name == "sets" and isinstance(value, list):
+    elif name == "sets":  # of a deck by name
+        if isinstance(value, dict):
+            value = [{"name": key, **one} for key, one in value.items()]
         for kind in dict.fromkeys(one["kind"] for one in value):
             held = [f"{one['name']} {one['members']}" for one in value if one["kind"] == kind]
             yield f"{kind} sets: {', '.join(held)}"
