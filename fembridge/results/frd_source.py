@@ -36,7 +36,7 @@ from fembridge.results.frd import (
 )
 from fembridge.results.history import OF_STRESS, name_in, printed_digit_ms
 from fembridge.results.readers import ReadOptions
-from fembridge.results.source import FieldSource, Span, check_finite, field_of
+from fembridge.results.source import FieldSource, check_finite, field_of
 from fembridge.results.stress import OneSidedStress, clear_shear
 from fembridge.trace import MS_PER_S
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
@@ -75,7 +75,7 @@ class FrdSource(FieldSource[FrdBlock]):
         for name in index.names:
             first, *_ = blocks = index.named(name)
             kind = storage[first.form.flag]
-            quantities.append(self.quantity_table(name, blocks, self._span(first), kind))
+            quantities.append(self.quantity_table(name, blocks, self._nodes_of(first), kind))
         return {
             "format": "ccx-frd",
             "bytes": index.size,
@@ -88,22 +88,16 @@ class FrdSource(FieldSource[FrdBlock]):
             "problem": "; ".join(word for word in words if word) or None,
         }
 
-    def _span(self, block: FrdBlock) -> Span:
-        """Of a block of the whole mesh the mesh's; one of a set is read."""
+    def _nodes_of(self, block: FrdBlock) -> IntArray:
+        """Its nodes, each once; those of the mesh are read once for all blocks of all of it."""
         nodes = self._index.nodes
-        if block.records and not block.free and nodes and nodes.records == block.records:
-            return nodes.records, *self._mesh_ends
-        ids = np.unique(node_ids(self.file, block))
-        return (ids.size, int(ids[0]), int(ids[-1])) if ids.size else (0, None, None)
+        whole = nodes is not None and nodes.records == block.records and not block.free
+        return self._mesh_nodes if whole else np.unique(node_ids(self.file, block))
 
     @cached_property
-    def _mesh_ends(self) -> tuple[int | None, int | None]:
-        """The lowest and the highest number of a node of the mesh, whatever its order."""
+    def _mesh_nodes(self) -> IntArray:
         nodes = self._index.nodes
-        if nodes is None or not nodes.records:
-            return None, None
-        ids = node_ids(self.file, nodes)
-        return int(ids.min()), int(ids.max())
+        return np.empty(0, dtype=np.int64) if nodes is None else node_ids(self.file, nodes)
 
     def outputs(self) -> list[dict[str, FrdBlock]]:
         """Blocks of each output that counts, in file order.

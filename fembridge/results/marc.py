@@ -236,8 +236,6 @@ class MarcSource(FieldSource[MarcBlock]):
             for name, one in output.items():
                 blocks.setdefault(name, []).append(one)
         storage = "text" if post.kind == "t19" else post.precision
-        ids = mesh.node_ids
-        span = (ids.size, int(ids.min()), int(ids.max())) if ids.size else (0, None, None)
         return {
             "format": f"marc-{post.kind}",
             "bytes": self.file.size,
@@ -254,7 +252,7 @@ class MarcSource(FieldSource[MarcBlock]):
             "increments": len(post.increments),
             "meshes": 1,
             "quantities": [
-                self.quantity_table(name, held, span, storage)
+                self.quantity_table(name, held, mesh.node_ids, storage)
                 | {"at": "integration points" if held[0].quantity.columns else "nodes"}
                 for name, held in blocks.items()
             ],

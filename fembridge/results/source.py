@@ -40,7 +40,6 @@ from fembridge.results.readers import NotFiniteError, ReadOptions, open_source, 
 from fembridge.results.stress import DERIVED, OneSidedStress
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
-Span = tuple[int, int | None, int | None]  # how many nodes, the lowest and the highest
 LAST = "last"  # increment
 _INCREMENT = re.compile(r"(?:(\d{1,9}):)?(\d{1,9})")
 _DEFAULTS = ReadOptions()
@@ -335,10 +334,9 @@ class FieldSource(Source, Generic[_Block]):
                 yield Frame(at, scene, _at_points(fields, rows, derived, scene), axis == TIME)
 
     def quantity_table(
-        self, name: str, blocks: Sequence[_Block], span: Span, storage: str
+        self, name: str, blocks: Sequence[_Block], nodes: IntArray, storage: str
     ) -> Table:
         """One quantity of a description; outputs that are not over time are its modes."""
-        nodes, lowest, highest = span
         timed = [one for one in blocks if one.axis == TIME]
         others = [one for one in blocks if one.axis != TIME]
         return {
@@ -352,9 +350,9 @@ class FieldSource(Source, Generic[_Block]):
             "first_value": others[0].value if others else None,
             "last_value": others[-1].value if others else None,
             "steps": sorted({one.key[0] for one in blocks}),
-            "nodes": nodes,
-            "lowest_node": lowest,
-            "highest_node": highest,
+            "nodes": nodes.size,
+            "lowest_node": int(nodes.min()) if nodes.size else None,
+            "highest_node": int(nodes.max()) if nodes.size else None,
             "storage": storage,
         }
 

@@ -1,6 +1,9 @@
 """What is asked of an open file, in one call, for tests."""
 
+import csv
 from contextlib import contextmanager
+from pathlib import Path
+from xml.etree import ElementTree
 
 from fembridge.results import nodes
 from fembridge.results.byte_file import ByteFile
@@ -29,3 +32,37 @@ def near_nodes(path, places_mm):
 def opened_post(path):
     with ByteFile(path) as file:
         yield PostFile(file)
+
+
+def mesh_of(path):
+    with open_source(path, PLAIN) as source:
+        return source.mesh()
+
+
+def sides(path, node, name="", options=PLAIN):
+    """Stress in each material."""
+    with open_source(path, options) as source:
+        return source.sides(node, name)
+
+
+def written(path):
+    """Time and file of each increment that a PVD lists."""
+    entries = ElementTree.parse(path).getroot().iter("DataSet")
+    return [(float(x.get("timestep")), path.parent / x.get("file")) for x in entries]
+
+
+def rows_of(path):
+    with Path(path).open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def as_modes(path, code=b" 2", only=b""):
+    """Make blocks of a .frd, `only` those of a value, modes: of frequency (2) or buckling (4)."""
+    content = bytearray(path.read_bytes())
+    at = content.find(b"  100C")
+    while at >= 0:
+        if only in content[at + 12 : at + 24]:
+            content[at + 56 : at + 58], content[at + 63 : at + 73] = code, b"MODAL     "
+        at = content.find(b"  100C", at + 1)
+    path.write_bytes(content)
+    return path

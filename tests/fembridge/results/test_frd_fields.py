@@ -10,21 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
-from opened import read_field
+from opened import mesh_of, read_field
 
 from fembridge.errors import ResultError, UsageError
 from fembridge.results import describe, read_fields
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.fields import write_field
 from fembridge.results.frd import KIND_OF_TYPE, NODES_OF_TYPE
-from fembridge.results.readers import ReadOptions, open_source
 
 TOUCHING = re.compile(r" *[+-]?\d\.\d{5}[Ee][+-]\d{2,3}")
-
-
-def mesh_of(path):
-    with open_source(path, ReadOptions()) as source:
-        return source.mesh()
 
 
 def plain_values(path, name):

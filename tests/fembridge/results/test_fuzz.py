@@ -267,20 +267,3 @@ def test_no_mutation_crashes_hangs_or_makes_up_a_number(kind, block, write_frd, 
         longest_s = max(longest_s, time.process_time() - begin)
     assert longest_s < LONGEST_S
     assert seen > rounds / 2  # not all were refused
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_what_is_mutated_is_read_while_it_is_whole(kind, block, write_frd, tmp_path):
-    name, _, flag, _ = KINDS[kind]
-    content = TEXTS.get(kind) or frd_content(block, write_frd, flag)
-    path = tmp_path / name
-    path.write_bytes(content)
-    if name == "job.frd":
-        assert read_values(path, [1, 3], STRICT)[1].shape == (3, 2, 6)
-        assert len(list(read_fields(path, "DISP"))) == 3
-    elif name == "job.dat":
-        assert read_point_stress(path, "EP", STRICT)[2].shape == (2, 2, 6)
-    elif name == "job.inp":
-        assert list(read_node_sets(path)) == ["ALL", "A", "B"]
-    else:
-        assert len(list(print_rows(path, STRICT))) == 1 + 2

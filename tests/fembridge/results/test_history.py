@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from opened import as_modes
 from scipy.interpolate import PchipInterpolator
 
 import fembridge as fb
@@ -23,17 +24,6 @@ def stresses(block, times_s, step=1):
         block("STRESS", k, t, [(n, [n * t * x for x in TENSOR]) for n in (1, 3)], flag=3, step=step)
         for k, t in enumerate(times_s, start=1)
     ]
-
-
-def as_modes(path, code=b" 2"):
-    """All blocks of `path` as modes of a frequency (2) or buckling (4) step."""
-    content = bytearray(path.read_bytes())
-    at = content.find(b"  100C")
-    while at >= 0:
-        content[at + 56 : at + 58], content[at + 63 : at + 73] = code, b"MODAL     "
-        at = content.find(b"  100C", at + 1)
-    path.write_bytes(content)
-    return path
 
 
 def test_uneven_increments_are_rows_and_no_trace_until_they_are_resampled(write_frd, block):

@@ -1,6 +1,5 @@
 """Every kind of section in a ``.dat`` of CalculiX, and tables of prints."""
 
-import csv
 import os
 import re
 
@@ -9,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from opened import rows_of
 
 from fembridge.errors import ResultError
 from fembridge.results import printed
@@ -278,11 +278,6 @@ SPRINGS = (
 SPRINGS_LATER = SPRINGS.replace("0.5000000E-03", "0.1000000E-02")
 GOOD = "        11  1.250000E+00 -2.500000E-03  3.000000E+00\n"
 SPRING = "        21          5  1.250000E+00 -2.500000E-03  3.000000E+00\n"
-
-
-def rows_of(path):
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def write_table(path, output, quantity=None, **options):

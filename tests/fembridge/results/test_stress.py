@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.testing import assert_allclose
+from opened import sides
 
 from fembridge.errors import ResultError
 from fembridge.results import read_fields
 from fembridge.results.extrapolation import brick_weights
 from fembridge.results.fields import derived_of
-from fembridge.results.readers import ReadOptions, open_source
 from fembridge.results.stress import (
     energy_stress_pa,
     max_shear_pa,
@@ -25,12 +25,6 @@ from fembridge.results.stress import (
 
 POISSON = st.floats(0.0, 0.499)
 FOUR_TENSORS = hnp.arrays(np.float64, (4, 6), elements=st.floats(-1e5, 1e5))
-
-
-def sides(path, node, name):
-    """Stress in each material."""
-    with open_source(path, ReadOptions()) as source:
-        return source.sides(node, name)
 
 
 @given(tensor=FOUR_TENSORS, poisson=POISSON, young_pa=st.floats(1e3, 1e9))
@@ -57,7 +51,6 @@ def test_a_ratio_that_no_material_has_is_refused(poisson):
         energy_stress_pa(np.zeros(6), poisson)
 
 
-TENSORS = hnp.arrays(np.float64, (7, 6), elements=st.floats(-1e6, 1e6))
 BOUNDARY = (29, 30, 31, 32, 33, 34, 35, 36, 37)  # nodes of interface_cpe8r at y = 0.5
 
 
@@ -65,22 +58,6 @@ def matrices_of(tensor):
     xx, yy, zz, xy, yz, zx = np.moveaxis(tensor, -1, 0)
     rows = [[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]]
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
-
-
-@given(tensor=TENSORS)
-def test_principal_stresses_keep_the_invariants_and_descend(tensor):
-    principal = principal_stresses_pa(tensor)
-    matrix = matrices_of(tensor)
-    scale = np.abs(tensor).max() + 1.0
-    assert (np.diff(principal, axis=-1) <= 0).all()
-    assert_allclose(principal.sum(-1), np.trace(matrix, axis1=1, axis2=2),
-                    atol=1e-12 * scale)  # fmt: skip
-    assert_allclose((principal**2).sum(-1), (matrix**2).sum((1, 2)),
-                    atol=1e-12 * scale**2)  # fmt: skip
-    xx, yy, zz, xy, yz, zx = tensor.T
-    determinant = xx * (yy * zz - yz**2) - xy * (xy * zz - yz * zx)
-    determinant += zx * (xy * yz - yy * zx)
-    assert_allclose(principal.prod(-1), determinant, atol=1e-12 * scale**3)
 
 
 @given(

@@ -1,18 +1,17 @@
 """VTU and PVD: read back with meshio, and held against the file they came from."""
 
 from pathlib import Path
-from xml.etree import ElementTree
 
 import meshio
 import numpy as np
 import pytest
 from meshio._mesh import topological_dimension
 from numpy.testing import assert_array_equal
+from opened import as_modes, mesh_of, written
 
 from fembridge import read_fields, write_vtu_series
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.fields import tensor_of
-from fembridge.results.readers import ReadOptions, open_source
 from fembridge.results.stress import principal_stresses_pa, von_mises_pa
 
 RECORDED = Path(__file__).parents[3] / "fixtures/transient_sine/job.frd"
@@ -41,19 +40,8 @@ FRD_EDGES = {
 }
 
 
-def mesh_of(path):
-    with open_source(path, ReadOptions()) as source:
-        return source.mesh()
-
-
 def pairs(text):
     return [(int(a), int(b)) for a, b in text.split()]
-
-
-def written(path):
-    """File and time of each increment that a PVD lists."""
-    entries = ElementTree.parse(path).getroot().iter("DataSet")
-    return [(float(x.get("timestep")), path.parent / x.get("file")) for x in entries]
 
 
 @pytest.mark.parametrize("name", ["cpe4_ascii", "cpe4_bin_f64", "cpe4_time_ge_1"])
@@ -218,23 +206,12 @@ def test_names_that_xml_cannot_hold_are_made_plain(write_frd, block, tmp_path):
     assert "material E__" in mesh.cell_data
 
 
-def as_modes(path, only=b""):
-    """The bytes of a .frd whose blocks, `only` those of one value, are modes of frequency."""
-    content = bytearray(path.read_bytes())
-    at = content.find(b"  100C")
-    while at >= 0:
-        if only in content[at + 12 : at + 24]:
-            content[at + 56 : at + 58], content[at + 63 : at + 73] = b" 2", b"MODAL     "
-        at = content.find(b"  100C", at + 1)
-    return content
-
-
 def test_modes_and_times_are_never_in_one_series(samples, tmp_path):
     """The first increment of a recorded file, made a mode; the others keep their times."""
     first = b" 5.00000E-04"
-    content = as_modes(samples / "cpe4_ascii.frd", first)
     path, said = tmp_path / "both.frd", list[str]()
-    path.write_bytes(content)
+    path.write_bytes((samples / "cpe4_ascii.frd").read_bytes())
+    as_modes(path, only=first)
     times = [at for at, _ in written(write_vtu_series(path, tmp_path / "times", log=said.append))]
     assert times == [field.time_ms for field in read_fields(samples / "cpe4_ascii.frd")][1:]
     assert any(

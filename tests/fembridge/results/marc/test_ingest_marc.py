@@ -1,6 +1,5 @@
 """``fembridge ingest`` with Marc's files: post files, decks, status, saved plots."""
 
-import csv
 import json
 from pathlib import Path
 
@@ -8,6 +7,7 @@ import numpy as np
 import post_writer as writer
 import pytest
 import stress_models as models
+from opened import rows_of
 
 from fembridge.cli import main
 
@@ -29,11 +29,6 @@ def here(tmp_path, monkeypatch):
     )
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def rows_of(path):
-    with Path(path).open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def test_a_listing_shows_header_codes_sets_and_times(capsys):

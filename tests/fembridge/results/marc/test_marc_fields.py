@@ -3,7 +3,6 @@
 import contextlib
 import os
 import warnings
-from xml.etree import ElementTree
 
 import meshio
 import numpy as np
@@ -13,13 +12,13 @@ import stress_models as models
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
-from opened import choose_nodes, near_nodes, read_field
+from opened import choose_nodes, near_nodes, read_field, sides, written
 
 from fembridge import read, write_vtu_series
 from fembridge.errors import FembridgeError, ResultError, UsageError
 from fembridge.results import describe
 from fembridge.results.history import column_names
-from fembridge.results.readers import ReadOptions, open_source
+from fembridge.results.readers import ReadOptions
 from fembridge.results.source import read_values
 
 TIMES_S = (0.0, 0.001, 0.002)
@@ -92,13 +91,8 @@ def test_a_set_of_a_deck_can_be_named(path, tmp_path):
         choose_nodes(path, sets=["x"], deck=marc)
 
 
-def entries(path):
-    found = ElementTree.parse(path).getroot().iter("DataSet")
-    return [(float(x.get("timestep")), path.parent / x.get("file")) for x in found]
-
-
 def test_paraview_gets_each_layer_s_own_values_at_a_boundary(path, plane, tmp_path):
-    found = entries(write_vtu_series(path, tmp_path / "out"))
+    found = written(write_vtu_series(path, tmp_path / "out"))
     assert [time_ms for time_ms, _ in found] == pytest.approx([0.0, 1.0, 2.0])
     mesh = meshio.read(found[2][1])
     data = mesh.point_data
@@ -130,7 +124,7 @@ def test_unknown_elements_are_left_out_of_pictures_and_that_is_said(write_post, 
     model = plane.model(elements=elements)
     path, said = write_post(writer.Storage(), model, increments), []
     series = write_vtu_series(path, tmp_path, quantities=["Displacement"], log=said.append)
-    assert len(meshio.read(entries(series)[0][1]).cells[0].data) == 1
+    assert len(meshio.read(written(series)[0][1]).cells[0].data) == 1
     assert "left out: elements of unknown type 998" in said
     assert read_field(path, "Displacement").nodes.size == 6
 
@@ -155,7 +149,7 @@ def test_nodes_between_bricks_lie_where_vtk_looks_for_them(write_post, tmp_path)
     moved = writer.Quantity("Displacement", 1, 3, places)
     increments = [writer.Increment(number=0, nodal=(moved,))]
     path = write_post(writer.Storage(), model, increments)
-    mesh = meshio.read(entries(write_vtu_series(path, tmp_path))[0][1])
+    mesh = meshio.read(written(write_vtu_series(path, tmp_path))[0][1])
     (cells,) = mesh.cells
     assert cells.type == "hexahedron20"
     found = mesh.points[cells.data[0]]
@@ -167,16 +161,10 @@ PARTIAL = ReadOptions(partial=True)
 MUTATED = 1000 if os.environ.get("CI") == "true" else 40
 
 
-def sides(path, node, options):
-    """Stress in each layer."""
-    with open_source(path, options) as source:
-        return source.sides(node)
-
-
 WAYS = {
     "traces": lambda path: read(path, [1, 5], partial=True, across_materials=True),
     "scalar": lambda path: read(path, [5], von_mises="scalar"),
-    "sides": lambda path: sides(path, 5, PARTIAL),
+    "sides": lambda path: sides(path, 5, options=PARTIAL),
     "list": describe,
     "stress": lambda path: read_field(path, "Stress", options=PARTIAL),
     "moved": lambda path: read_field(path, "Displacement", options=PARTIAL),

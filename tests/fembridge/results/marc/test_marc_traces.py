@@ -11,7 +11,7 @@ import stress_models as models
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from opened import read_field
+from opened import read_field, sides
 
 from fembridge import read, read_history
 from fembridge.errors import ResultError, UsageError
@@ -24,12 +24,6 @@ def mises_at(path, node, options):
     """Von Mises stress at a node."""
     with open_source(path, options) as source:
         return source.history([node], "von-mises").derived("von-mises").values[:, 0, 0]
-
-
-def sides(path, node):
-    """Stress in each layer."""
-    with open_source(path, ReadOptions()) as source:
-        return source.sides(node)
 
 
 TIMES_S = (0.0, 0.0005, 0.001, 0.0015)
