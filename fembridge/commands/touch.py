@@ -99,12 +99,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Touch; the summary holds the mean rate of each class."""
     import sys
 
-    from fembridge.errors import UsageError
     from fembridge.recording import Recording, export, require_libraries
     from fembridge.touching.touch import touch
 
-    if args.seed < 0:
-        raise UsageError(f"seed is {args.seed}, expected 0 or more")
     require_libraries(args.export)
     if args.animate:
         from fembridge.plots.pad_movie import check_movie, write_movie

@@ -5,10 +5,10 @@ the finger, over afferents that lie further and further along it, is a probe at 
 place over one afferent.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from fembridge.touching.shape import Shape
 from fembridge.touching.stress import driving_stress_pa
 from fembridge.touching.touch import PAD, between, parameters_on
 from fembridge.touching.way import Way
-from fembridge.typing import FloatArray, IntArray
+from fembridge.typing import BoolArray, FloatArray, IntArray
 from neural.encoder import encode_units
 from neural.parameter_sets import ParameterSet
 
@@ -56,10 +56,10 @@ class ReceptiveField:
     threshold_um: float
 
     @cached_property
-    def answers(self) -> Any:  # noqa: ANN401 - a boolean array
+    def answers(self) -> BoolArray:
         """Where the probe is answered, ``(depth, x, z)``."""
         hot = self.impulses.max(axis=(1, 2), keepdims=True)
-        return (self.impulses >= np.maximum(self.criterion * hot, 1)) & (hot > 0)
+        return np.asarray((self.impulses >= np.maximum(self.criterion * hot, 1)) & (hot > 0))
 
     @cached_property
     def areas(self) -> "pandas.DataFrame":
@@ -137,7 +137,7 @@ def receptive_field(
     >>> list(field.areas.columns)
     ['afferent', 'depth_um', 'area_mm2', 'whole']
     """
-    skin = pad if isinstance(pad, Pad) else pad_named(pad)
+    skin = pad_named(pad)
     if skin.plane:
         raise UsageError("a plane pad has no fields: its probes are endless along the finger")
     own = parameters_on(skin, parameters).parameters
@@ -204,7 +204,7 @@ def _wave(frequency_hz: float | None) -> FloatArray:
     return np.asarray(np.sin(2 * np.pi * frequency_hz * times_ms / 1000.0))
 
 
-def _threshold(count: Any, deepest_um: float) -> float:  # noqa: ANN401 - a function
+def _threshold(count: Callable[[float], int], deepest_um: float) -> float:
     """Least depth with an impulse, to a thousandth; infinite if none fires up to the end."""
     if not count(deepest_um):
         return float("inf")

@@ -244,22 +244,21 @@ def read_pad(path: Path) -> Pad:
     )
 
 
-def pad_named(word: str) -> Pad:
-    """A stored pad by its name, or that of the file `word`.
+def pad_named(wanted: str | Pad) -> Pad:
+    """A stored pad by its name, that of a file, or a pad as it is.
 
     Raises
     ------
     UsageError
         Neither is there.
     """
-    stored = STORED / f"{word}.npz"
-    if stored.is_file():
-        return read_pad(stored)
-    path = Path(word)
-    if path.is_file():
-        return read_pad(path)
+    if isinstance(wanted, Pad):
+        return wanted
+    for path in (STORED / f"{wanted}.npz", Path(wanted)):
+        if path.is_file():
+            return read_pad(path)
     known = ", ".join(sorted(each.stem for each in STORED.glob("*.npz")))
-    raise UsageError(f"pad {word!r}: neither a stored one ({known}) nor a file")
+    raise UsageError(f"pad {wanted!r}: neither a stored one ({known}) nor a file")
 
 
 def _checksum(text: str, arrays: Mapping[str, Any]) -> str:

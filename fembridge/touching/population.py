@@ -250,16 +250,18 @@ POPULATIONS: Mapping[str, Callable[..., Population]] = {
 }
 
 
-def population_named(word: str, finger: Finger) -> Population:
-    """The population of a word such as ``fingertip:seed=3``, or of a table.
+def population_named(wanted: str | Population, finger: Finger) -> Population:
+    """The population of a word such as ``fingertip:seed=3``, of a table, or as it is.
 
     Raises
     ------
     UsageError, TableError
         No such population, number or file.
     """
+    if isinstance(wanted, Population):
+        return wanted
     read = partial(Population.read, finger=finger)
-    return named(word, "population", POPULATIONS, read, ".csv", finger=finger)
+    return named(wanted, "population", POPULATIONS, read, ".csv", finger=finger)
 
 
 def _site(afferent: str, finger: Finger) -> AfferentSite:

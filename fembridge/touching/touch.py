@@ -250,11 +250,9 @@ def touch(
     >>> result.rates["afferent"].tolist()
     ['SA', 'RA', 'PC']
     """
-    skin = pad if isinstance(pad, Pad) else pad_named(pad)
+    skin = pad_named(pad)
     chosen = parameters_on(skin, parameters)
-    units = population
-    if not isinstance(units, Population):
-        units = population_named(units, skin.finger)
+    units = population_named(population, skin.finger)
     units = replace(units, endings_mm=endings_mm, sa_von_mises=sa_von_mises)
     depth_um = chosen.preindent_um if preindent_um is None else preindent_um
     if pins is not None:
@@ -304,6 +302,10 @@ def touch_skin(
     ParameterError
         Parameters of another time step or another quantity.
     """
+    if not 1 <= trials <= 10_000:
+        raise UsageError(f"{trials} repeats, expected 1 to 10000")
+    if seed < 0:
+        raise UsageError(f"seed is {seed}, expected 0 or more")
     if way.pins is not None:
         solved = _pinned(pad, way, way.pins)
     elif shape is None:
@@ -315,8 +317,6 @@ def touch_skin(
         level = most * (np.arange(LEVELS) / (LEVELS - 1)) ** 1.5
         pressed = press_to(pad, shape, level, newton=way.newton)
         solved = Solved(*pressed, level, np.clip(way.pressed, 0.0, most))
-    if not 1 <= trials <= 10_000:
-        raise UsageError(f"{trials} repeats, expected 1 to 10000")
     pushed = np.asarray((solved.forces_n > 0).any(axis=0))
     nodes, forces = solved.nodes.subset(pushed), solved.forces_n[:, pushed]
     solved = replace(solved, nodes=nodes, forces_n=forces)

@@ -11,12 +11,11 @@ import pytest
 
 from fembridge.errors import ParameterError, TraceError
 from neural import encoder, lif
-from neural.encoder import encode, encode_afferents, encode_cells
+from neural.encoder import encode, encode_afferents, encode_cells, encode_units
 from neural.filters import DERIVATIVES
 from neural.models import MODELS
 from neural.parameter_sets import parameter_set
 from neural.parameters import PUBLISHED, AfferentParameters, quantiles
-from neural.rates import mean_rate_ips
 
 DT_MS = 0.5
 TIMES_MS = DT_MS * np.arange(501)
@@ -150,13 +149,6 @@ def test_a_cell_is_a_single_one_under_stress_divided_by_its_need(row, cells):
     assert sum(times_ms.size for run in runs for times_ms in run) > 6 * cells
 
 
-def test_a_mean_rate_is_impulses_a_second_and_cell():
-    """Three spikes of two cells in a tenth of a second: 15 a second each."""
-    assert mean_rate_ips([[10.0, 20.0, 200.0], [30.0]], (0.0, 100.0)) == 15.0
-    assert mean_rate_ips([[], []], (0.0, 100.0)) == 0.0
-    assert mean_rate_ips([[5.0, 5.5, 250.0]], (5.0, 250.0)) == pytest.approx(2 / 0.245)
-
-
 @pytest.mark.parametrize("name", ["published", "fitted"])
 def test_classes_together_fire_as_each_alone(name):
     parameters = parameter_set(name).parameters
@@ -222,3 +214,69 @@ def test_many_membranes_and_long_traces_take_little_memory(monkeypatch):
             assert tracemalloc.get_traced_memory()[1] < 2 * pa.nbytes
         finally:
             tracemalloc.stop()
+
+
+# ---- Units of a population
+
+FITTED = parameter_set("fitted").parameters
+WAVE_PA = 20_000 * (1 + np.sin(2 * np.pi * 0.03 * TIMES_MS)) ** 1.3
+
+
+@pytest.mark.parametrize("name", ["SA", "RA", "PC"])
+@pytest.mark.parametrize("parameters", ["published", "fitted"])
+def test_units_at_the_cells_quantiles_fire_as_the_cells_do(name, parameters):
+    chosen = parameter_set(parameters).parameters
+    one = chosen[name]
+    deviate = quantiles(one.cells)
+    stress = np.tile(WAVE_PA[:, None], (1, one.cells))
+    fired = encode_units(stress, [name] * one.cells, 0.5, chosen, deviate)
+    [cells] = encode_cells(WAVE_PA, 0.5, one)
+    for unit, times_ms in enumerate(cells):
+        np.testing.assert_array_equal(fired.time_ms[fired.unit == unit], times_ms)
+
+
+def test_classes_share_a_pass_and_keep_their_order():
+    names = ["PC", "SA", "RA", "SA"]
+    stress = np.stack([WAVE_PA, WAVE_PA, WAVE_PA, 0.5 * WAVE_PA], -1)
+    together = encode_units(stress, names, 0.5, FITTED)
+    for unit, name in enumerate(names):
+        alone = encode_units(stress[:, unit : unit + 1], [name], 0.5, FITTED)
+        np.testing.assert_array_equal(together.time_ms[together.unit == unit], alone.time_ms)
+
+
+def test_trials_are_alike_without_noise_and_repeat_with_their_seed():
+    stress = np.stack([WAVE_PA, 0.7 * WAVE_PA], -1)
+    still = encode_units(stress, ["RA", "SA"], 0.5, FITTED, trials=3)
+    first = still.time_ms[still.trial == 1]
+    for trial in (2, 3):
+        np.testing.assert_array_equal(still.time_ms[still.trial == trial], first)
+
+    def noisy(seed):
+        rng = np.random.default_rng(seed)
+        return encode_units(stress, ["RA", "SA"], 0.5, FITTED, trials=5, noise_mv=1.0, rng=rng)
+
+    np.testing.assert_array_equal(noisy(1).time_ms, noisy(1).time_ms)
+    assert (
+        noisy(1).time_ms.size != noisy(2).time_ms.size
+        or (noisy(1).time_ms != noisy(2).time_ms).any()
+    )
+
+
+def test_noise_has_the_size_that_it_says():
+    """Without leak and without a threshold the potential spreads by noise_mv sqrt(t)."""
+    rng, chosen = np.random.default_rng(0), parameter_set("fitted_pad").parameters
+    fired = encode_units(np.zeros((201, 400)), ["RA"] * 400, 0.5, chosen, noise_mv=2.0, rng=rng)
+    # A walk of 2 mV in 1 ms, clamped at rest, passes 10 mV after some 25 to 50 ms.
+    rate = fired.time_ms.size / 400 / 100
+    assert 1 / 60 < rate < 1 / 20
+
+
+def test_what_does_not_fit_is_refused():
+    with pytest.raises(TraceError):
+        encode_units(WAVE_PA[:, None], ["SA", "RA"], 0.5, FITTED)
+    with pytest.raises(ParameterError, match="1 ms"):
+        encode_units(WAVE_PA[:, None], ["SA"], 1.0, FITTED)
+    with pytest.raises(ParameterError, match="XX"):
+        encode_units(WAVE_PA[:, None], ["XX"], 0.5, FITTED)
+    with pytest.raises(ParameterError):
+        encode_units(WAVE_PA[:, None], ["SA"], 0.5, FITTED, noise_mv=1.0)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fembridge.errors import ParameterError
-from neural.rates import rate_ips, spikes_inside, window_rows
+from neural.rates import mean_rate_ips, rate_ips, spikes_inside, window_rows
 
 
 def test_the_start_of_a_window_is_excluded_and_its_end_included():
@@ -17,6 +17,8 @@ def test_a_rate_is_impulses_a_second():
     assert rate_ips([10.0, 20.0, 30.0], (0.0, 100.0)) == 30.0
     assert rate_ips(np.arange(1, 50) * 5.0, (5.0, 250.0)) == pytest.approx(48 / 0.245)
     assert rate_ips([], (0.0, 100.0)) == 0.0
+    # Three spikes of two cells in a tenth of a second: 15 a second each.
+    assert mean_rate_ips([[10.0, 20.0, 200.0], [30.0]], (0.0, 100.0)) == 15.0
 
 
 @given(

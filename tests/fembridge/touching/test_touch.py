@@ -140,6 +140,7 @@ def test_rates_count_the_spikes_of_the_window():
         ({"stimulus": "sine_20"}, "12"),
         ({"press_n": 19.0}, "2000"),
         ({"press_um": 100, "repeats": 0}, "0"),
+        ({"press_um": 100, "seed": -1}, "seed is -1"),
     ],
 )
 def test_what_means_nothing_is_refused(arguments, named):
