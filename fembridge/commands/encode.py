@@ -24,7 +24,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import Several, add_from, add_options, column
+from fembridge.commands.options import Several, add_from, add_options, column, words_of
 from fembridge.terminal import log
 
 if TYPE_CHECKING:
@@ -103,14 +103,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     notes: list[str] = []
     encoded = encode(
         args.traces,
-        parameters=args.parameters,
-        derivative=args.derivative,
-        stimulus=args.stimulus,
+        **{**words_of(args, encode), "columns": named or None},
         unnamed=args.traces.stem,
         afferents=args.afferent,
-        columns=named or None,
-        gain_pa=args.gain_pa,
-        resample_ms=args.resample_ms,
         log=log,
         note=notes.append,
     )
