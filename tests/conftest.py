@@ -7,6 +7,7 @@ test. A person's run tries a part of them and is done in a minute or two.
 import os
 import shlex
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -19,6 +20,7 @@ from fembridge.machine import find_ccx
 from fembridge.run_folder import RunFolder
 from fembridge.store import sha256_of
 
+ROOT = Path(__file__).parents[1]
 CI = os.environ.get("CI") == "true"
 if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):  # else every process would compile us anew
     sys.dont_write_bytecode = False
@@ -143,6 +145,29 @@ def python_program():
         return path
 
     return write
+
+
+@pytest.fixture
+def begin():
+    """Start a Python of its own; it does not outlive the test."""
+    begun = []
+
+    def start(*words):
+        process = subprocess.Popen(
+            [sys.executable, "-P", *map(str, words)],
+            env=os.environ | {"PYTHONPATH": str(ROOT)},  # a checkout need not be installed
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        begun.append(process)
+        return process
+
+    yield start
+    for process in begun:
+        process.kill()
+        if not process.stderr.closed:
+            print(process.communicate()[1])
 
 
 @pytest.fixture

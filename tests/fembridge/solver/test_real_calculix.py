@@ -1,8 +1,6 @@
 """CalculiX itself on one plane-strain element: does it end as we say it does?"""
 
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -98,17 +96,14 @@ def test_a_long_run_is_stopped_by_its_limit(make_run, patch):
     assert not (folder / "job.frd").exists()
 
 
-def test_killing_python_leaves_no_calculix_behind(make_run, patch, is_alive, wait_until):
+def test_killing_python_leaves_no_calculix_behind(begin, make_run, patch, is_alive, wait_until):
     folder = make_run(deck=patch(**MANY), increments=2_000_000)
-    command = [sys.executable, "-m", "fembridge.cli", "run", str(folder)]
-    child = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-    try:
-        wait_until(lambda: (folder / "solving" / "job.frd").exists())
-        (solver,) = children_of(child.pid)
-        assert is_alive(solver)
-    finally:
-        child.kill()
-        child.wait()
+    child = begin("-m", "fembridge.cli", "run", folder)
+    wait_until(lambda: (folder / "solving" / "job.frd").exists())
+    (solver,) = children_of(child.pid)
+    assert is_alive(solver)
+
+    child.kill()
 
     wait_until(lambda: not is_alive(solver))
     assert not (folder / "job.frd").exists()

@@ -1,10 +1,7 @@
 """The verb ``run``: one line a folder, the exit code, the summary."""
 
 import json
-import os
 import signal
-import subprocess
-import sys
 
 import pytest
 
@@ -61,21 +58,16 @@ def test_a_deck_changed_by_hand_is_said(make_run, capsys):
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_an_interrupted_command_leaves_no_solver_no_result_and_the_evidence(
-    make_run, pid_of, is_alive, number, code
+    begin, make_run, pid_of, is_alive, number, code
 ):
     folder = make_run("hang")
-    command = [sys.executable, "-m", "fembridge.cli", "run", str(folder)]
-    child = subprocess.Popen(command, stderr=subprocess.PIPE, env=os.environ)
-    try:
-        solver = pid_of(folder)
-        child.send_signal(number)
-        _, err = child.communicate(timeout=120)
-    finally:
-        child.kill()
-        child.wait()
+    child = begin("-m", "fembridge.cli", "run", folder)
+    solver = pid_of(folder)
+    child.send_signal(number)
+    _, err = child.communicate(timeout=120)
 
     assert child.returncode == code
     assert not is_alive(solver)
-    assert b"Traceback" not in err
+    assert "Traceback" not in err
     assert sorted(path.name for path in folder.iterdir()) == ["failed", "job.inp", "run.toml"]
     assert "interrupted" in (folder / "failed" / "cause.txt").read_text()

@@ -31,27 +31,11 @@ def solve(folder, halt=None, **settings):
     return run_ccx(read_run_folder(folder), SolverSettings(**settings), halt)
 
 
-@pytest.fixture
-def parent(fake_ccx):
-    """Start a Python of its own; end what is left of it."""
-    started = []
-
-    def begin(*command):
-        child = subprocess.Popen([sys.executable, *command], stderr=subprocess.DEVNULL)
-        started.append(child)
-        return child
-
-    yield begin
-    for child in started:
-        child.kill()
-        child.wait()
-
-
 def test_killing_python_leaves_no_solver_of_any_thread(
-    parent, make_run, pid_of, is_alive, wait_until
+    fake_ccx, begin, make_run, pid_of, is_alive, wait_until
 ):
     folder = make_run("stubborn")
-    child = parent("-c", RUN, str(folder))
+    child = begin("-c", RUN, str(folder))
     solver = pid_of(folder)
     assert is_alive(solver)
 
@@ -63,10 +47,10 @@ def test_killing_python_leaves_no_solver_of_any_thread(
 
 
 def test_a_second_run_in_a_folder_is_refused_until_the_first_is_killed(
-    parent, make_run, pid_of, is_alive, is_at_work, wait_until
+    fake_ccx, begin, make_run, pid_of, is_alive, is_at_work, wait_until
 ):
     folder = make_run("hang")
-    child = parent("-m", "fembridge.cli", "run", str(folder))
+    child = begin("-m", "fembridge.cli", "run", str(folder))
     solver = pid_of(folder)
     assert is_at_work(folder)
 

@@ -4,9 +4,6 @@ The solver keeps a ledger: a line when it begins and a line when it has solved. 
 it does with a deck is shown by environment variables, which workers inherit.
 """
 
-import os
-import subprocess
-import sys
 from concurrent.futures import Executor, Future
 from pathlib import Path
 
@@ -106,42 +103,15 @@ def dermis_study(study_file):
 
 
 @pytest.fixture
-def command(monkeypatch):
+def command():
     """Run the verb in this process."""
-    monkeypatch.setitem(cli.VERBS, "sweep", "sweep")
-
-    def run(*words):
-        return cli.main(["sweep", *map(str, words)])
-
-    return run
+    return lambda *words: cli.main(["sweep", *map(str, words)])
 
 
 @pytest.fixture
-def start_sweep():
-    """Run the verb as a process of its own; it does not outlive the test."""
-    begun = []
-
-    def start(*words):
-        code = (
-            "import sys; from fembridge import cli; cli.VERBS['sweep'] = '';"
-            "sys.exit(cli.main(['sweep', *sys.argv[1:]]))"
-        )
-        process = subprocess.Popen(
-            [sys.executable, "-P", "-c", code, *map(str, words)],
-            env=os.environ | {"PYTHONPATH": str(ROOT)},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        begun.append(process)
-        return process
-
-    yield start
-    for process in begun:
-        if process.poll() is None:
-            process.kill()
-        if not process.stderr.closed:
-            print(process.communicate()[1])
+def start_sweep(begin):
+    """Run the verb as a process of its own."""
+    return lambda *words: begin("-m", "fembridge.cli", "sweep", *words)
 
 
 class Here(Executor):

@@ -8,8 +8,6 @@ import csv
 import importlib.util
 import os
 import signal
-import subprocess
-import sys
 from collections import Counter
 from contextlib import suppress
 from ipaddress import ip_address
@@ -17,13 +15,10 @@ from pathlib import Path
 
 import pytest
 
-import fembridge
 from fembridge import executor
 from fembridge.errors import MissingError, UsageError
 from fembridge.executor import dask_executor
 from fembridge.sweeps.sweep import sweep as run_sweep
-
-ROOT = Path(fembridge.__file__).parents[1]
 
 needs_dask = pytest.mark.skipif(
     importlib.util.find_spec("distributed") is None,
@@ -52,32 +47,6 @@ if __name__ == "__main__":
 """
 
 
-@pytest.fixture
-def start_cluster(tmp_path):
-    """Run a sweep on a cluster of two worker processes, in a process of its own."""
-    begun = []
-
-    def start(study, folder):
-        script = tmp_path / "cluster.py"
-        script.write_text(CLUSTER)
-        process = subprocess.Popen(
-            [sys.executable, script, study, folder],
-            env=os.environ | {"PYTHONPATH": str(ROOT)},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        begun.append(process)
-        return process
-
-    yield start
-    for process in begun:
-        if process.poll() is None:
-            process.kill()
-        if not process.stderr.closed:
-            print(process.communicate()[1])
-
-
 def count(ledger, word):
     return Counter(entry[3] for entry in ledger() if entry[0] == word)
 
@@ -86,9 +55,10 @@ def count(ledger, word):
 @pytest.mark.slow
 @pytest.mark.usefixtures("recorded_ccx")
 def test_a_worker_killed_in_the_middle_loses_nothing_and_repeats_nothing(
-    dermis_study, tmp_path, ledger, gate, start_cluster, wait_until, is_alive
+    dermis_study, tmp_path, ledger, gate, begin, wait_until, is_alive
 ):
-    sweep = start_cluster(dermis_study(4), tmp_path / "out")
+    (tmp_path / "cluster.py").write_text(CLUSTER)
+    sweep = begin(tmp_path / "cluster.py", dermis_study(4), tmp_path / "out")
     wait_until(lambda: sum(count(ledger, "begin").values()) == 2)
     workers = {entry[2] for entry in ledger()}
     assert len(workers) == 2
