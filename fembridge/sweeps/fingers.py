@@ -25,7 +25,7 @@ boundary of its layer that it is nearest to (`Anchor`).
 import itertools
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
@@ -134,15 +134,12 @@ def fingers_of(entries: Sequence[FingersTable], folder: Path, rest: int) -> tupl
     asked = []
     for number, entry in enumerate(entries, start=1):
         with place(f"fingers {number}"):
-            asked.append(_changes_of(entry))
+            asked.append(_count_and_make(entry, folder))
     check_points(rest * sum(count for count, _ in asked))
     variants: list[Variant] = []
-    for number, (entry, (_, changes)) in enumerate(zip(entries, asked, strict=True), start=1):
+    for number, (_, make) in enumerate(asked, start=1):
         with place(f"fingers {number}"):
-            if entry.ranges is None:
-                variants += _variants(entry, list(changes), folder, entry.sites == "follow")
-            else:
-                variants += _designed(entry, _flat(entry.ranges), folder)
+            variants += make()
     return tuple(variants)
 
 
@@ -187,8 +184,8 @@ def place(where: str) -> Iterator[None]:
         raise UsageError(f"{where}: {error}") from error
 
 
-def _changes_of(entry: FingersTable) -> tuple[int, Iterator[dict[str, Value]]]:
-    """Number of fingers of an entry, and what is different in each; none yet of a design."""
+def _count_and_make(entry: FingersTable, folder: Path) -> tuple[int, Callable[[], list[Variant]]]:
+    """Number of fingers of an entry, and what makes them."""
     given = [key for key in ("grid", "rows", "ranges") if getattr(entry, key) is not None]
     of_hypercube = entry.samples is not None or entry.seed is not None
     if len(given) > 1:
@@ -201,12 +198,13 @@ def _changes_of(entry: FingersTable) -> tuple[int, Iterator[dict[str, Value]]]:
         tables = [entry.grid or {}] if entry.rows is None else entry.rows
         if not tables:
             raise UsageError("rows: none, expected one or more")
-        return combinations([_flat(table) for table in tables])
+        count, changes = combinations([_flat(table) for table in tables])
+        return count, lambda: _variants(entry, list(changes), folder, entry.sites == "follow")
     ranges = _flat(entry.ranges)
     if not ranges:
         raise UsageError("ranges: none, expected one or more")
     if entry.design == ONE_AT_A_TIME and not of_hypercube:
-        return 1 + 2 * len(ranges), iter(())
+        return 1 + 2 * len(ranges), lambda: _designed(entry, ranges, folder)
     if entry.design != LATIN_HYPERCUBE:
         raise UsageError(
             f"design: {entry.design or ''!r}, expected {ONE_AT_A_TIME} without samples and seed "
@@ -215,7 +213,7 @@ def _changes_of(entry: FingersTable) -> tuple[int, Iterator[dict[str, Value]]]:
     for key, number, least in (("samples", entry.samples or 0, 2), ("seed", entry.seed or 0, 0)):
         if not least <= number <= MOST_POINTS:
             raise UsageError(f"{key}: {number}, expected {least} to {MOST_POINTS}")
-    return entry.samples or 0, iter(())
+    return entry.samples or 0, lambda: _designed(entry, ranges, folder)
 
 
 def _designed(entry: FingersTable, asked: Table, folder: Path) -> list[Variant]:

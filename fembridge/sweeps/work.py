@@ -256,8 +256,10 @@ def work(task: Task, folder: Path, threads: int | None = None, *, waits: bool = 
             with _alone(folder / task.place, waits):
                 before = task.is_finished(folder)
                 if not before:
-                    do = _solve if isinstance(task, Response) else _answer
-                    do(task, folder, settings)  # type: ignore[arg-type] # each its own
+                    if isinstance(task, Response):
+                        _solve(task, folder, settings)
+                    else:
+                        _answer(task, folder, settings)
     except LockedError as error:
         return Ended(str(error), busy=True)
     except FembridgeError as error:
@@ -340,14 +342,14 @@ def _simulate(
     task, stimuli = item.response, item.stimuli()
     if item.method == "map":
         traces = [response.traces(each, item.parameters) for each in stimuli]
-        return encode_all(stimuli, traces, item.parameters, {})
-    accepted = Contact(**cast("dict[str, Any]", response.origin["contact"]))
-    mesh = _mesh(task, folder / task.place)
-    model = Model(task.finger, mesh, task.probe, accepted, task.element)
-    place, ladder = folder / item.solve_place, ladder_of(task.asked)
-    with _alone(place):
-        _check_solver(task.solver)
-        traces, _ = solve_transients(stimuli, model, place, settings, lambda line: None, ladder)
+    else:
+        accepted = Contact(**cast("dict[str, Any]", response.origin["contact"]))
+        mesh = _mesh(task, folder / task.place)
+        model = Model(task.finger, mesh, task.probe, accepted, task.element)
+        place, ladder = folder / item.solve_place, ladder_of(task.asked)
+        with _alone(place):
+            _check_solver(task.solver)
+            traces, _ = solve_transients(stimuli, model, place, settings, lambda line: None, ladder)
     return encode_all(stimuli, traces, item.parameters, {})
 
 
