@@ -109,7 +109,7 @@ def band_noise(entry: Noise, rng: np.random.Generator) -> FloatArray:
     drawn = rng.standard_normal(SAMPLES + 2 * MARGIN_SAMPLES)
     spectrum = np.fft.rfft(drawn)
     frequency_hz = np.fft.rfftfreq(drawn.size, DT_MS / 1000.0).astype(np.float64)
-    spectrum *= butterworth_power(frequency_hz, entry.low_hz, entry.high_hz)
+    spectrum *= _butterworth_power(frequency_hz, entry.low_hz, entry.high_hz)
     filtered = np.fft.irfft(spectrum, drawn.size)
     phase = np.minimum(np.arange(SAMPLES) * DT_MS / TAPER_MS, 1.0)
     taper = 0.5 * (1.0 - np.cos(np.pi * phase))
@@ -118,7 +118,7 @@ def band_noise(entry: Noise, rng: np.random.Generator) -> FloatArray:
     return wave
 
 
-def butterworth_power(frequency_hz: FloatArray, low_hz: float, high_hz: float) -> FloatArray:
+def _butterworth_power(frequency_hz: FloatArray, low_hz: float, high_hz: float) -> FloatArray:
     """Power gain ``|H|^2`` of the digital Butterworth band, same shape as input.
 
     The bilinear transform maps f to ``W = tan(pi f / fs)``; the prototype's

@@ -105,7 +105,6 @@ def test_options_arrive_in_the_deck_and_its_record(here, words, inputs):
         (["--solver", "marc", "--slide-mm-per-s", "4"], 1, "no sliding probe for marc"),
         (["--solver", "marc", "--contact", "surface-to-surface"], 2, "marc has no formulation"),
         (["--solver", "marc", "--element", "82"], 2, "marc has no element '82'"),
-        (["--probe-body", "rigid"], 2, "no probe 'rigid'"),
         (["--solver", "marc", "--frames", "5"], 2, "a deck for marc has results at all nodes"),
         (["--inertia", "--frames", "5"], 2, "frames: 1 alone where inertia counts"),
         (["--frames", "-1"], 2, "frames is -1, expected 1 or more"),
