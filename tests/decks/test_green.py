@@ -1,14 +1,11 @@
 """The prism and its four decks."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from benchmarks.prism_contact import contact_deck
-from decks.analysis import Contact
 from decks.finger import LAYERS
 from decks.green import CASES, PadMesh, green_deck, prism_of, smooth
 from decks.presets import QUICK
@@ -108,15 +105,3 @@ def test_ridges_are_in_the_grid_where_it_is_fine_enough():
         atol=1e-6,
     )
     assert top[2] < -0.09
-
-
-def test_the_probe_of_a_contact_run_stands_over_the_skin():
-    radius = np.array([0.0, 0.25, 0.5])
-    deck = contact_deck(PRISM, radius, 0.1 * radius, (0.1, 0.2), Contact())
-    probe = blocks(deck)["*NODE, NSET=PROBE"]
-    numbers = [int(line.split(",")[0]) for line in probe]
-    assert min(numbers) == PRISM.section_nodes * len(PRISM.z_mm) + 1
-    assert len(set(numbers)) == len(numbers)
-    assert len(re.findall(r"^PROBE, 2, 2, -0\.[12]$", deck, re.M)) == 2
-    faces = blocks(deck)["*SURFACE, NAME=SKIN_SURFACE, TYPE=ELEMENT"]
-    assert all(face.endswith("S5") for face in faces)
