@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from fembridge.cli import main
 from fembridge.errors import ResultError, UsageError
 from fembridge.results import READERS, Reader, describe, read, read_history
 from fembridge.results.byte_file import ByteFile
@@ -63,6 +64,15 @@ def test_what_is_no_result_file_and_a_choice_of_no_nodes_are_refused(samples, tm
             read(samples / "cpe4_ascii.frd", nodes)
     with pytest.raises(UsageError):
         read(samples / "cpe4_ascii.frd", [11], stress_unit="bar")
+
+
+def test_a_file_is_opened_once_for_all_that_a_command_asks(samples, monkeypatch, capsys):
+    """It is listed, a node is sought and its trace is tried."""
+    path, opened, original = samples / "cpe4_ascii.frd", [], os.open
+    monkeypatch.setattr(os, "open", lambda name, how: opened.append(name) or original(name, how))
+    assert main(["ingest", str(path)]) == 0
+    assert "where it is largest" in capsys.readouterr().out
+    assert opened.count(path) == 1
 
 
 def plug(monkeypatch, value):
