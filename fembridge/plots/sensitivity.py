@@ -19,6 +19,7 @@ from fembridge.plots.style import (
     class_style,
     fitting,
     in_style,
+    legend_above,
     marks,
     new_figure,
     note,
@@ -75,7 +76,7 @@ def effects_figure(effects: "pd.DataFrame") -> "Figure":
     if has_base:
         samples.append({"linewidth": HAIR_PT})
         names.append("base: the finger that the others are varied from")
-    _name_samples(figure, samples, names)
+    legend_above(figure, samples, names)
     return figure
 
 
@@ -112,7 +113,7 @@ def regressions_figure(regressions: "pd.DataFrame", fingers: int) -> "Figure":
         "mean rate (in the colour of its class)",
         f"mean peak stress; lines: 95 %; {fingers} fingers",
     ]
-    _name_samples(figure, [rate, stress], names)
+    legend_above(figure, [rate, stress], names)
     return figure
 
 
@@ -148,12 +149,3 @@ def _class_style(afferent: str) -> dict[str, Any]:
 
 def _mark(colour: str, marker: str = "o", *, filled: bool = False) -> dict[str, Any]:
     return {**marks(marker, colour, _MARK_PT[marker], filled=filled), "color": colour}
-
-
-def _name_samples(figure: "Figure", samples: list[dict[str, Any]], names: list[str]) -> None:
-    from matplotlib.lines import Line2D
-
-    handles = [
-        Line2D([], [], label=name, **style) for style, name in zip(samples, names, strict=True)
-    ]
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))

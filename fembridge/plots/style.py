@@ -195,7 +195,6 @@ def new_figure(
     Margins are found, which takes seconds where panels are many: see `grid_figure`. `heights`
     and `widths` are the shares of rows and columns.
     """
-    import_matplotlib()
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
@@ -220,7 +219,6 @@ def grid_figure(
 
     Widths and heights are those of margin, panel, gap, panel, ... margin.
     """
-    import_matplotlib()
     from matplotlib.figure import Figure
 
     right_in, low_in = np.cumsum(widths_in), np.cumsum(heights_in)

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fembridge import __version__
-from fembridge.evidence import RAMP, TOUCHSIM_TABLE, evidence, touchsim_rates
+from fembridge.evidence import RAMP, TOUCHSIM_MODELS, TOUCHSIM_TABLE, evidence, touchsim_rates
 from fembridge.plots.rates import OWN, PUBLISHED, rates_figure, thresholds_figure
 from fembridge.plots.response import deflection_figure
 from fembridge.plots.spikes import raster_figure
@@ -450,7 +450,8 @@ def _source_frame(study: Validation) -> "DataFrame":
                 "Saal et al. 2017, a model, not data: fitted unit by unit on recordings of these "
                 "experiments, sinusoids, diharmonics and noises; computed here and stored"
             )
-            cells, preindent = "4 SA, 9 RA, 4 PC", "0"
+            cells = ", ".join(f"{count} {name}" for name, count in TOUCHSIM_MODELS.items())
+            preindent = "0"
         else:
             model = models[source]
             what = model.source if source == PUBLISHED_NAME else f"{source}: {model.source}"
