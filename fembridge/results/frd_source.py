@@ -215,7 +215,8 @@ class FrdSource(FieldSource[FrdBlock]):
         """Values of one quantity, ``(T, node, component)``; stress inside one material."""
         values = values_at(self.file, blocks, nodes)
         if blocks[0].name == STRESS:
-            inside = self._inside(nodes, values)
+            self._as_modelled(nodes, values)
+            inside = self._inside(nodes)
             if not inside.all():
                 node, names = nodes[int(np.argmin(inside))], self._index.materials
                 met = materials_at(self._index, [node])[:, 1].tolist()
@@ -235,7 +236,8 @@ class FrdSource(FieldSource[FrdBlock]):
         nodes, values = super().everywhere(blocks)
         if blocks[0].name != STRESS:
             return nodes, values
-        inside = self._inside(nodes.tolist(), values)
+        self._as_modelled(nodes.tolist(), values)
+        inside = self._inside(nodes.tolist())
         if not inside.any():
             raise ResultError("no node with stress lies inside one material", self.path)
         if inside.all():
@@ -246,23 +248,23 @@ class FrdSource(FieldSource[FrdBlock]):
         )
         return nodes[inside], values[:, inside]
 
-    def _inside(self, nodes: Sequence[int], values: FloatArray) -> BoolArray:
-        """Which of `nodes` are inside one material, or are taken so.
+    def _as_modelled(self, nodes: Sequence[int], stress: FloatArray) -> None:
+        """Make stress the sum over branches of relaxing skin, and without shear on a half's axis."""
+        if self.options.branches:
+            stress *= self._branches(nodes)[:, None]
+        if self.options.on_axis:
+            clear_shear(stress, nodes, self.options.on_axis)
 
-        Of the stress there, `values`, is made what the model says: the sum over branches of
-        relaxing skin, not their mean; no shear on the axis of a half.
-        """
-        options = self.options
-        branches = np.array([options.branches.get(node, 1) for node in nodes], dtype=np.float64)
-        if options.branches:
-            values *= branches[:, None]
-        if options.on_axis:
-            clear_shear(values, nodes, options.on_axis)
-        if options.across_materials:
+    def _branches(self, nodes: Sequence[int]) -> FloatArray:
+        return np.array([self.options.branches.get(node, 1) for node in nodes], dtype=np.float64)
+
+    def _inside(self, nodes: Sequence[int]) -> BoolArray:
+        """Which of `nodes` are inside one material, or are taken so."""
+        if self.options.across_materials:
             return np.ones(len(nodes), dtype=np.bool_)
         held, met = np.unique(materials_at(self._index, nodes)[:, 0], return_counts=True)
         rows = rows_of(np.array(nodes, dtype=np.int64), held)
-        inside: BoolArray = np.append(met, 0)[rows] <= branches  # the last of no element
+        inside: BoolArray = np.append(met, 0)[rows] <= self._branches(nodes)  # last: no element
         return inside
 
     def whole(self, block: FrdBlock, known: IntArray | None = None) -> Field:
