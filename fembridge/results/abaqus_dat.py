@@ -31,6 +31,7 @@ import numpy as np
 
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.byte_file import text_lines
+from fembridge.results.fields import numbers_near
 from fembridge.results.history import History, of_samples
 from fembridge.results.printed import TABLE, DatSection
 from fembridge.results.readers import ReadOptions, in_pa
@@ -91,8 +92,7 @@ class AbaqusSource(Source):
             name = own.get(node, "") if own.get(node, "") in sets else next(iter(sets), "")
             if not sets:
                 known = np.unique(np.concatenate([one.labels[:, 0] for one in sections]))
-                near = known[np.argsort(np.abs(known - node), kind="stable")[:3]]
-                words = f"no stress at node {node}; near it {', '.join(map(str, near.tolist()))}"
+                words = f"no stress at node {node}; near it {numbers_near(known, node)}"
                 raise ResultError(words, path)
             if own.get(node) not in sets and len(sets) > 1:
                 words = f"node {node} is in the tables of {' and '.join(sets)}, a mean over other"
@@ -144,7 +144,6 @@ class _Open:
     labels: tuple[str, ...] = ()
     columns: tuple[str, ...] = ()
     rows: list[tuple[list[int], list[float]]] = field(default_factory=list)
-    zero: bool = False
     ended: bool = False
     total: list[float] = field(default_factory=list)
 
@@ -239,7 +238,7 @@ def _tables(path: Path) -> Iterator[tuple[_Open | None, int, bool]]:
             else:
                 table.preamble += f" {text}"
         elif "ALL VALUES IN THIS TABLE ARE ZERO" in text:
-            table.zero = table.ended = True
+            table.ended = True
         elif row := _ROW.fullmatch(line):
             values = [fortran(word) for word in row[3].split()]
             labels = [int(row[1]), *map(int, row[2].split())]

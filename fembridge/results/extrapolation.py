@@ -42,7 +42,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fembridge.errors import DeckError, ResultError
-from fembridge.results.fields import Scene, SceneCells
+from fembridge.results.fields import Scene, SceneCells, numbers_near
 from fembridge.results.marc_post import PostMesh
 from fembridge.results.readers import METHODS
 from fembridge.typing import BoolArray, FloatArray, IntArray
@@ -487,8 +487,7 @@ class MeshPoints:
             )
         words = "none"
         if known.size:
-            near = np.sort(known[np.argsort(np.abs(known - node), kind="stable")[:3]])
-            words = f"it has {known.min()} to {known.max()}, near it {', '.join(map(str, near))}"
+            words = f"it has {known.min()} to {known.max()}, near it {numbers_near(known, node)}"
         return ResultError(f"no node {node} in the mesh: {words}", self.path)
 
     def remarks(self) -> Iterator[str]:

@@ -179,6 +179,12 @@ def rows_of(wanted: IntArray, held: IntArray) -> IntArray:
     return np.where(held[rows] == wanted, rows, -1)
 
 
+def numbers_near(held: IntArray, absent: int) -> str:
+    """The three numbers among those `held` that are nearest to one that is `absent`."""
+    near = held[np.argsort(np.abs(held - absent), kind="stable")[:3]]
+    return ", ".join(map(str, np.sort(near).tolist()))
+
+
 def spread(values: FloatArray, rows: IntArray, size: int) -> FloatArray:
     """Each value in its row, NaN in the others; one component as ``(size,)``."""
     flat = values[:, 0] if values.ndim == 2 and values.shape[1] == 1 else values

@@ -36,7 +36,7 @@ from fembridge.results.byte_file import (
     fixed_floats,
     fixed_integers,
 )
-from fembridge.results.fields import Block, Key, rows_of
+from fembridge.results.fields import Block, Key, numbers_near, rows_of
 from fembridge.results.history import FREQUENCY, TIME
 from fembridge.results.status import StaRow, read_sta
 from fembridge.trace import MS_PER_S
@@ -788,12 +788,8 @@ def _gather(file: ByteFile, block: FrdBlock, rows: IntArray) -> Characters:
 
 def _refuse_absent(path: Path, block: FrdBlock, ids: IntArray, absent: int) -> None:
     held = np.unique(ids)
-    near = held[np.argsort(np.abs(held - absent), kind="stable")[:3]]
-    raise ResultError(
-        f"node {absent} has no record in {block}: {held.size} nodes, "
-        f"{held[0]} to {held[-1]}; nearest {', '.join(map(str, np.sort(near)))}",
-        path,
-    )
+    words = f"node {absent} has no record in {block}: {held.size} nodes, {held[0]} to {held[-1]}"
+    raise ResultError(f"{words}; nearest {numbers_near(held, absent)}", path)
 
 
 def materials_at(index: FrdIndex, nodes: Collection[int]) -> IntArray:

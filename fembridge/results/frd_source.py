@@ -249,7 +249,7 @@ class FrdSource(FieldSource[FrdBlock]):
         return nodes[inside], values[:, inside]
 
     def _as_modelled(self, nodes: Sequence[int], stress: FloatArray) -> None:
-        """Make stress the sum over branches of relaxing skin, and without shear on a half's axis."""
+        """Make stress the sum over branches of relaxing skin, without shear on a half's axis."""
         if self.options.branches:
             stress *= self._branches(nodes)[:, None]
         if self.options.on_axis:
