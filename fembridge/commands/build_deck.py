@@ -11,6 +11,7 @@ unchanged to the byte but for the waveform, the increments and the output.
 
 import argparse
 import sys
+from collections.abc import Callable
 from typing import Any
 
 from decks.dialects import DIALECTS, INCREMENTS, PROBES, RESULTS
@@ -40,8 +41,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--solver", choices=tuple(DIALECTS), help="whose deck (default: calculix)")
     add_output_option(parser, default="runs")
     _add_deck_options(parser.add_argument_group("the deck of our finger"))
-    add = parser.add_argument_group("your own model").add_argument
-    add("--base-deck", metavar="FILE", help="a .inp of CalculiX or Abaqus, or a .dat of Marc")
+    own = parser.add_argument_group("your own model")
+    whose = "a .inp of CalculiX or Abaqus, or a .dat of Marc"
+    own.add_argument("--base-deck", metavar="FILE", help=whose)
+    _add_own_options(own)
+
+
+def _add_own_options(group: argparse._ActionsContainer) -> None:
+    add = group.add_argument
     add(
         "--amplitude",
         metavar="NAME",
@@ -129,16 +136,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     remarks: list[str] = []
     words = words_of(args, build_deck)
-    if args.base_deck is not None:
-        words["afferents"] = _own_afferents(args)
-    else:
-        foreign = ("amplitude", "step", "move", "length_unit", "afferent")
-        given = [option(name) for name in foreign if getattr(args, name)]
-        if args.increments != "fixed":
-            given.append("--increments")
-        if given:
+    if args.base_deck is None:
+        if given := _given(args, _add_own_options):
             raise UsageError(f"{', '.join(given)}: for --base-deck alone")
         words["probe"] = probe_from(args)
+    else:
+        for each in _given(args, _add_deck_options):
+            if each not in ("--results", "--frames"):
+                raise UsageError(f"{each} is for our finger; --base-deck brings its own")
+        names = [name for name, _ in args.afferent]
+        if len(set(names)) < len(names):
+            raise UsageError(f"--afferent names {max(names, key=names.count)} twice")
+        words["afferents"] = dict(args.afferent)
     built = build_deck(**words, log=remarks.append)
     solver = built[0].solver
     if not args.json:
@@ -165,17 +174,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {"finger": finger["name"], "solver": solver, "folders": rows}
 
 
-def _own_afferents(args: argparse.Namespace) -> dict[str, int]:
-    """Nodes of afferents in a deck of one's own; options of our finger mean nothing there."""
-    ours = argparse.ArgumentParser()
-    _add_deck_options(ours)
-    for name, default in vars(ours.parse_args([])).items():
-        if name not in ("results", "frames") and getattr(args, name) != default:
-            raise UsageError(f"{option(name)} is for our finger; --base-deck brings its own")
-    names = [name for name, _ in args.afferent]
-    if len(set(names)) < len(names):
-        raise UsageError(f"--afferent names {max(names, key=names.count)} twice")
-    return dict(args.afferent)
+def _given(
+    args: argparse.Namespace, add_options_to: Callable[[argparse.ArgumentParser], None]
+) -> list[str]:
+    """Those of a group's options that are not as usual."""
+    group = argparse.ArgumentParser()
+    add_options_to(group)
+    usual = vars(group.parse_args([]))
+    return [option(name) for name in usual if getattr(args, name) != usual[name]]
 
 
 def _afferent(word: str) -> tuple[str, int]:
