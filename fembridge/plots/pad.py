@@ -122,6 +122,16 @@ def view_mm(touch: Touch) -> tuple[float, float]:
     return half_width, max(half_length, _LEAST_SHARE * half_width)
 
 
+def look_at_pad(panel: "Axes", touch: Touch) -> tuple[float, float]:
+    """Show what is in view, x as long as z; half width and half length of that."""
+    half_width, half_length = view_mm(touch)
+    panel.set_xlim(-half_width, half_width)
+    panel.set_ylim(-half_length, half_length)
+    panel.set_aspect("equal")
+    make_plain(panel)
+    return half_width, half_length
+
+
 def draw_pressure(panel: "Axes", touch: Touch, row: int) -> Any:  # noqa: ANN401 - an image
     """Contact pressure of the solved state `row` as a map; None where nothing touches."""
     from matplotlib.colors import LinearSegmentedColormap
@@ -201,11 +211,7 @@ def _draw_units(panel: "Axes", touch: Touch, mine: BoolArray, colour: str) -> No
 
 
 def _draw_view(panel: "Axes", touch: Touch, *, first: bool) -> None:
-    half_width, half_length = view_mm(touch)
-    panel.set_xlim(-half_width, half_width)
-    panel.set_ylim(-half_length, half_length)
-    panel.set_aspect("equal")
-    make_plain(panel)
+    half_width, half_length = look_at_pad(panel, touch)
     panel.set_xlabel("Across the finger (mm)")
     panel.set_ylabel("Along the finger (mm)" if first else "")
     if not first:

@@ -11,6 +11,7 @@ from fembridge.plots.pad import (
     draw_pressure,
     draw_way,
     hardest,
+    look_at_pad,
     pressure_kpa,
     view_mm,
 )
@@ -22,7 +23,6 @@ from fembridge.plots.style import (
     PAGE_WIDTH_IN,
     TEXT_PT,
     in_style,
-    make_plain,
 )
 from fembridge.store import replacing
 from fembridge.touching.stress import influence_pa, von_mises_pa
@@ -131,10 +131,7 @@ def _scene(
     )
     panels = [figure.add_subplot(grid[0, column]) for column in range(3)]
     for panel in panels:
-        panel.set_xlim(-half_width, half_width)
-        panel.set_ylim(-half_length, half_length)
-        panel.set_aspect("equal")
-        make_plain(panel)
+        look_at_pad(panel, touch)
         panel.set_xlabel("Across (mm)")
     panels[0].set_ylabel("Along (mm)")
     way = figure.add_subplot(grid[1, :])

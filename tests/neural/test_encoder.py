@@ -13,7 +13,6 @@ from fembridge.errors import ParameterError, TraceError
 from neural import encoder, lif
 from neural.encoder import encode, encode_afferents, encode_cells, encode_units
 from neural.filters import DERIVATIVES
-from neural.models import MODELS
 from neural.parameter_sets import parameter_set
 from neural.parameters import PUBLISHED, AfferentParameters, quantiles
 
@@ -37,8 +36,6 @@ VALUES = {
     "recovery_ms": 41.0,
     "retraction": 0.8,
 }
-ROWS = [row for models in MODELS.values() for row in models.values()]
-ALL = pytest.mark.parametrize("row", ROWS, ids=[f"{row.name}-{row.afferent}" for row in ROWS])
 
 
 def half_sine_pa(frequency_hz, peak_pa=2e4):
@@ -132,7 +129,6 @@ def parameters_of(row, **changes) -> AfferentParameters:
     return row.parameters(**{**named, "drive": row.name, **changes})
 
 
-@ALL
 @pytest.mark.parametrize("cells", [2, 3, 5])
 def test_a_cell_is_a_single_one_under_stress_divided_by_its_need(row, cells):
     """Need is exp(spread q): it takes that many times the stress for the same."""
@@ -176,7 +172,6 @@ def test_stress_of_two_lengths_is_refused():
         encode_afferents(stress_pa, DT_MS, PUBLISHED)
 
 
-@ALL
 @pytest.mark.parametrize(
     ("derivative", "refractory_ms"), list(zip(DERIVATIVES, (0.0, 1.0, 60.0), strict=True))
 )

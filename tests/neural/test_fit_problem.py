@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from fembridge.errors import ParameterError
 from neural import encode_cells, mean_rate_ips
 from neural.fit_problem import FitProblem
-from neural.models import MODELS, model_named
+from neural.models import model_named
 from neural.search import from_unit
 
 DT_MS = 0.5
@@ -19,8 +19,6 @@ STRESS_PA = np.array(PEAKS_PA) * (1.3 + np.sin(2e-3 * np.pi * np.outer(TIMES_MS,
 WINDOWS_MS = ((5.0, 60.0), (20.0, 40.0), (0.0, 60.0), (7.3, 59.9))
 GROUPS = ("20", "90", "300", "20")
 OBSERVED_IPS = np.array([31.0, 80.0, 5.5, 0.0])
-ROWS = [row for models in MODELS.values() for row in models.values()]
-ALL = pytest.mark.parametrize("row", ROWS, ids=[f"{row.name}-{row.afferent}" for row in ROWS])
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -59,7 +57,6 @@ def encoded_rates(problem, values):
     ]
 
 
-@ALL
 @pytest.mark.parametrize("cells", [1, 3])
 def test_a_candidate_fires_what_its_parameters_encode(row, cells):
     """To the last spike; the rates are the same quotients, divided in another order."""
@@ -100,7 +97,6 @@ def test_objectives_are_those_of_a_plain_loop(seed):
     np.testing.assert_array_equal(problem.group_errors(rates_ips), errors)
 
 
-@ALL
 @pytest.mark.parametrize("cells", [1, 3])
 def test_single_precision_differs_by_a_few_spikes_at_most(row, cells):
     problem = problem_of(row, cells=cells)

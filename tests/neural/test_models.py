@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from fembridge.errors import ParameterError
 from neural.encoder import encode
-from neural.models import MODELS, Coefficients, model_named, model_of
+from neural.models import Coefficients, model_named, model_of
 from neural.parameters import (
     CorpusclePcParameters,
     FadingSaParameters,
@@ -20,8 +20,6 @@ from neural.parameters import (
 )
 
 DT_MS = 0.5
-ROWS = [row for models in MODELS.values() for row in models.values()]
-NAMES = [f"{row.name}-{row.afferent}" for row in ROWS]
 
 # A membrane so slow that no leak shows, at steps that are powers of two.
 LEAKLESS_MS = 1e12
@@ -176,7 +174,6 @@ def test_a_corpuscle_is_a_plain_loop_over_its_passes():
     np.testing.assert_allclose(current, expected, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("row", ROWS, ids=NAMES)
 def test_a_still_finger_is_silent(row):
     """No stress at all; and a stress that is held, for all but SA."""
     named = {one.field: math.sqrt(one.low * one.high) for one in row.free(1)}

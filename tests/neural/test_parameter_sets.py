@@ -12,7 +12,7 @@ import pytest
 import tomli_w
 
 from fembridge.errors import ParameterError, UsageError
-from neural.models import DEFAULT_MODELS, MODELS, model_named, model_of
+from neural.models import DEFAULT_MODELS, model_named, model_of
 from neural.parameter_sets import (
     DEFAULT_SET,
     FITTED_FILE,
@@ -29,8 +29,6 @@ from neural.parameters import (
     TwoWayRaParameters,
 )
 
-ROWS = [row for models in MODELS.values() for row in models.values()]
-ALL = pytest.mark.parametrize("row", ROWS, ids=[f"{row.name}-{row.afferent}" for row in ROWS])
 RISING_RA = {"drive": "rising", "tau_ms": 300.0, "step_pa": 7000.0}
 
 
@@ -69,7 +67,6 @@ def file_of(tmp_path):
     return write
 
 
-@ALL
 def test_a_model_survives_a_file_to_the_last_digit(row):
     own = {**PUBLISHED, row.afferent: odd_parameters(row)}
     table = parameters_to_table(own)
@@ -81,7 +78,6 @@ def test_a_model_survives_a_file_to_the_last_digit(row):
     assert set(table[row.afferent]) == {one.name for one in fields(row.parameters)}
 
 
-@ALL
 def test_a_section_says_by_its_drive_which_parameters_it_holds(row):
     needed = {one.field: math.sqrt(one.low * one.high) for one in row.free(1)}
     section = {"drive": row.name, **needed}
