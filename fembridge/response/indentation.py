@@ -48,7 +48,7 @@ from fembridge.solver.ccx import solve_once
 from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.solver.verdict import Cause, Outcome
 from fembridge.stimulus import Stimulus
-from fembridge.store import make_folder, write_text
+from fembridge.store import write_text
 from fembridge.trace import MS_PER_S, PA_PER_MPA
 from fembridge.typing import FloatArray
 
@@ -215,7 +215,6 @@ def solve_response(
     elements = len(model.mesh.quad) * (0.5 if half else 1.0)
     about = in_words(increments * increment_s(elements))
     log(f"indentation to {depth_um:g} um: {increments} increments, about {about}")
-    make_folder(folder)
     left: list[str] = []
     for number, attempt in enumerate(attempts, start=1):
         if left:

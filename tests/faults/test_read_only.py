@@ -21,50 +21,34 @@ for words in json.loads(sys.argv[1]):
     shown.append([code, said.getvalue().splitlines()])
 print(json.dumps(shown))
 """
-SIMULATE = ["simulate", "--stored", "--no-plot", "--stimulus", "sine_20_250", "-o", "{place}"]
 BUILD = ["build-deck", "--stimulus", "sine_20_250", "-o"]
 COMMANDS = [
     [*BUILD, "{place}/runs"],
     ["stimuli", "--export", "csv", "sine_20_250", "-o", "{place}/a.csv"],
     ["run", "{place}"],
-    SIMULATE,
+    ["simulate", "--stored", "--no-plot", "--stimulus", "sine_20_250", "-o", "{place}"],
 ]
 
 
-@pytest.fixture
-def read_only(apart, make_run):
-    folder = make_run("normal", "read only")
-    mount = f'mount --bind "{folder}" "{folder}"; mount -o remount,bind,ro "{folder}"'
-
-    def run(*commands):
-        words = [[word.format(place=folder) for word in words] for words in commands]
-        return json.loads(apart(mount, PROGRAM, json.dumps(words)))
-
-    return folder, run
-
-
-def test_a_read_only_folder_is_said_in_one_line(fake_ccx, read_only, files_below, as_in_table):
-    folder, run = read_only
-    before = files_below(folder)
-
-    for words, (code, lines) in zip(COMMANDS, run(*COMMANDS), strict=True):
-        assert code == 1, lines
-        as_in_table(lines[-1].removeprefix("fembridge: "))
-        assert len(lines) == (3 if words is SIMULATE else 1)  # two are about the model
-
-    assert files_below(folder) == before
-
-
-def test_finished_results_in_a_read_only_folder_are_taken_as_they_are(
-    fake_ccx, read_only, as_in_table
+def test_a_read_only_folder_is_said_in_one_line_and_finished_results_in_it_are_taken(
+    fake_ccx, apart, make_run, files_below, as_in_table
 ):
-    folder, run = read_only
-    assert main(["run", str(folder)]) == 0
+    folder, finished = make_run("normal", "read only"), make_run("normal", "finished")
+    assert main(["run", str(finished)]) == 0
+    mount = "\n".join(
+        f'mount --bind "{each}" "{each}"; mount -o remount,bind,ro "{each}"'
+        for each in (folder, finished)
+    )
+    before = [files_below(each) for each in (folder, finished)]
+    commands = [[word.format(place=folder) for word in words] for words in COMMANDS]
 
-    ((code, (line,)),) = run(["run", "{place}"])
+    shown = json.loads(apart(mount, PROGRAM, json.dumps([*commands, ["run", str(finished)]])))
 
-    assert code == 0
-    as_in_table(line)
+    assert [code for code, _ in shown] == [1, 1, 1, 1, 0]
+    assert [len(lines) for _, lines in shown] == [1, 1, 1, 3, 1]  # of simulate two on the model
+    for _, lines in shown:
+        as_in_table(lines[-1].removeprefix("fembridge: "))
+    assert [files_below(each) for each in (folder, finished)] == before
 
 
 @pytest.fixture

@@ -59,6 +59,7 @@ def test_a_second_run_in_a_folder_is_refused_until_the_first_is_killed(
     assert outcome.failure.cause is Cause.BUSY
     assert f"process {child.pid} " in str(outcome.failure)
     assert is_alive(solver)
+    os.kill(solver, signal.SIGKILL)  # both at once, whoever goes first
     child.kill()
     child.wait()
     make_run("normal")
