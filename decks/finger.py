@@ -331,54 +331,38 @@ def _misfits(finger: Finger) -> Iterator[str]:
     if missing:
         yield f"no material for {', '.join(missing)}"
     waves_mm = max(papillae.height_mm, 0.5 * (papillae.height_mm + ridges.height_mm))
+    waves = "papillae.height_mm, with the ridges,"
+    to_dermis_mm = skin.epidermis_depth_mm
+    # An ellipse bends most at the end of its long axis.
     short, long = sorted((outline.half_width_mm, outline.half_height_mm))
-    for entry, size_mm, limit_mm, limit in (
-        ("ridges.height_mm", ridges.height_mm, skin.stratum_corneum_mm, "the stratum corneum"),
-        (
-            "nail.thickness_mm",
-            finger.nail.thickness_mm,
-            skin.epidermis_depth_mm,
-            "corneum and epidermis",
-        ),
-        ("papillae.height_mm, with the ridges,", waves_mm, skin.epidermis_mm, "the epidermis"),
-        ("papillae.height_mm", papillae.height_mm, 2 * skin.dermis_mm, "twice the dermis"),
-        # An ellipse bends most at the end of its long axis.
-        (
-            "skin",
-            skin.dermis_depth_mm,
-            short**2 / long,
-            "the outline's least radius, where it folds",
-        ),
-    ):
-        if size_mm >= limit_mm:
-            yield f"{entry} is {size_mm:g} mm, expected less than {limit_mm:.3g} mm: {limit}"
+    folds = "the outline's least radius, where it folds"
     # Inside is within the outline's ellipse less skin and gap on each half axis, which
     # is the curve at that depth to a few hundredths of a mm.
     wall_mm = skin.dermis_depth_mm + _BONE_GAP_MM
     top_mm, bottom_mm = bone.depth_mm - bone.half_height_mm, bone.depth_mm + bone.half_height_mm
     lowest_mm = 2 * outline.half_height_mm - wall_mm
-    widest_mm = max(mesh.contact_mm, mesh.ridge_mm)
+    widest_mm, widest = max(mesh.contact_mm, mesh.ridge_mm), "contact_mm or ridge_mm"
+    half_mm = ridges.half_width_mm
     flat = ridges.height_mm == 0 == papillae.height_mm
     column_mm = math.inf if flat else (0.25 + 1e-9) * ridges.spacing_mm
-    for entry, size_mm, limit_mm, limit in (
-        ("ridges.spacing_mm", ridges.spacing_mm, ridges.half_width_mm, "one ridge on half the pad"),
-        ("ridges.half_width_mm", ridges.half_width_mm, outline.half_width_mm, "half the outline"),
-        ("contact_mm or ridge_mm", widest_mm, mesh.far_mm, "far_mm"),
-        ("contact_mm", mesh.contact_mm, mesh.contact_half_width_mm, "contact_half_width_mm"),
-        ("contact_mm or ridge_mm", widest_mm, column_mm, "four columns to a ridge"),
-        ("skin, with a gap,", wall_mm, top_mm, "the bone's side to the pad"),
-        ("the bone's other side", bottom_mm, lowest_mm, "it touches the skin"),
+    for entry, size_mm, expected, limit_mm, limit in (
+        ("ridges.height_mm", ridges.height_mm, "<", skin.stratum_corneum_mm, "the stratum corneum"),
+        ("nail.thickness_mm", finger.nail.thickness_mm, "<", to_dermis_mm, "corneum and epidermis"),
+        (waves, waves_mm, "<", skin.epidermis_mm, "the epidermis"),
+        ("papillae.height_mm", papillae.height_mm, "<", 2 * skin.dermis_mm, "twice the dermis"),
+        ("skin", skin.dermis_depth_mm, "<", short**2 / long, folds),
+        ("ridges.spacing_mm", ridges.spacing_mm, "<=", half_mm, "one ridge on half the pad"),
+        ("ridges.half_width_mm", half_mm, "<=", outline.half_width_mm, "half the outline"),
+        (widest, widest_mm, "<=", mesh.far_mm, "far_mm"),
+        ("contact_mm", mesh.contact_mm, "<=", mesh.contact_half_width_mm, "contact_half_width_mm"),
+        (widest, widest_mm, "<=", column_mm, "four columns to a ridge"),
+        ("skin, with a gap,", wall_mm, "<=", top_mm, "the bone's side to the pad"),
+        ("the bone's other side", bottom_mm, "<=", lowest_mm, "it touches the skin"),
     ):
-        if size_mm > limit_mm:
-            yield f"{entry} is {size_mm:g} mm, expected at most {limit_mm:.3g} mm: {limit}"
-    width_mm, height_mm = outline.half_width_mm - wall_mm, outline.half_height_mm - wall_mm
-    off_mm = bone.depth_mm - outline.half_height_mm  # > 0: towards the back
-    shares = [step / 100 - 1 for step in range(1, 200)]  # of the bone, from its top
-    heights = [(off_mm + share * bone.half_height_mm) / height_mm for share in shares]
-    pairs = zip(shares, heights, strict=True)
-    room_mm = min(
-        width_mm, *(width_mm * ((1 - at * at) / (1 - share * share)) ** 0.5 for share, at in pairs)
-    )
+        if size_mm > limit_mm or (expected == "<" and size_mm == limit_mm):
+            words = {"<": "less than", "<=": "at most"}[expected]
+            yield f"{entry} is {size_mm:g} mm, expected {words} {limit_mm:.3g} mm: {limit}"
+    room_mm = _room_for_bone_mm(finger, wall_mm)
     if bone.half_width_mm > room_mm:
         yield (
             f"bone.half_width_mm is {bone.half_width_mm:g} mm, expected at most {room_mm:.3g} mm: "
@@ -399,3 +383,16 @@ def _misfits(finger: Finger) -> Iterator[str]:
                 f"afferent {name} at x = {site.x_mm:g} mm, depth {site.depth_mm:g} mm is outside "
                 "the finger"
             )
+
+
+def _room_for_bone_mm(finger: Finger, wall_mm: float) -> float:
+    """Half width of the widest bone, as high and as deep, inside `wall_mm` of skin."""
+    outline, bone = finger.outline, finger.bone
+    width_mm, height_mm = outline.half_width_mm - wall_mm, outline.half_height_mm - wall_mm
+    off_mm = bone.depth_mm - outline.half_height_mm  # > 0: towards the back
+    room_mm = width_mm
+    for step in range(1, 200):
+        share = step / 100 - 1  # of the bone, from its top
+        height = (off_mm + share * bone.half_height_mm) / height_mm
+        room_mm = min(room_mm, width_mm * ((1 - height**2) / (1 - share**2)) ** 0.5)
+    return room_mm
