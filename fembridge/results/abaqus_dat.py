@@ -197,9 +197,7 @@ def abaqus_sections(
             continue
         if not closed:
             words = f"cut in the table from line {number}"
-            if not options.partial:
-                raise ResultError(f"{words}; --partial (partial=True) takes what is whole", path)
-            options.note(f"{words}, which is left out")
+            options.refuse(words, path, noted=f"{words}, which is left out")
             continue
         for section in table.sections():
             name = f"{section.quantity} for set {section.set_name}"

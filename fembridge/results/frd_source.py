@@ -113,10 +113,9 @@ class FrdSource(FieldSource[FrdBlock]):
             options.note(remark)
         if problem is not None:
             words = "; ".join(filter(None, (self.file.change, *index.remarks, problem)))
-            if not (options.partial and index.blocks):
-                hint = "; --partial (partial=True) reads what is whole" if index.blocks else ""
-                raise ResultError(words + hint, self.path)
-            options.note(words)
+            if not index.blocks:
+                raise ResultError(words, self.path)
+            options.refuse(words, self.path)
         outputs: list[dict[str, FrdBlock]] = []
         last = (0, 0)
         for block in index.blocks:
@@ -175,9 +174,7 @@ class FrdSource(FieldSource[FrdBlock]):
             elif len(absent) < len(names) or lost:
                 # CalculiX writes them at every output of a step from the first that has them.
                 words = f"step {step}, increment {increment} has no {absent[0]}"
-                if not self.options.partial:
-                    raise ResultError(words, self.path)
-                self.options.note(f"dropped: {words}")
+                self.options.refuse(words, self.path, noted=f"dropped: {words}")
             else:
                 others.add(step)
         if others:

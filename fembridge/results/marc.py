@@ -286,10 +286,7 @@ class MarcSource(FieldSource[MarcBlock]):
             if words:
                 options.note(words)
         if post.problem is not None:
-            if not options.partial:
-                words = f"{post.problem}; --partial (partial=True) takes what is whole"
-                raise ResultError(words, self.path)
-            options.note(post.problem)
+            options.refuse(post.problem, self.path)
         found = self._listed()
         if options.von_mises == "scalar":
             for output, one in zip(found, post.increments, strict=True):

@@ -162,9 +162,7 @@ def dat_sections(
             continue
         if not ended:
             words = f"cut inside a line: {line[:40]!r}"
-            if not options.partial:
-                raise ResultError(words, path, number)
-            options.note(words)
+            options.refuse(words, path, number)
             break
         if not line.strip():
             continue
@@ -517,10 +515,8 @@ def _whole(
         if not words:
             firsts.setdefault(key, section)
             yield section
-        elif not options.partial:
-            raise ResultError(words, path)
         else:
-            options.note(f"dropped the section: {words}")
+            options.refuse(words, path, noted=f"dropped the section: {words}")
 
 
 def _damage(section: DatSection, first: DatSection, before: DatSection | None) -> str:

@@ -128,6 +128,14 @@ class ReadOptions:
         if self.log is not None:
             self.log(words)
 
+    def refuse(
+        self, words: str, path: Path, line: int | None = None, noted: str | None = None
+    ) -> None:
+        """Refuse a file for `words`; a partial reading notes them, or `noted`, and goes on."""
+        if not self.partial:
+            raise ResultError(f"{words}; --partial (partial=True) takes what is whole", path, line)
+        self.note(noted or words)
+
 
 def in_pa(stress: FloatArray, options: ReadOptions, path: Path) -> FloatArray:
     """Stress of a file in Pa; a number too large to be one is a `ResultError`."""

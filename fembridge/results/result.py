@@ -133,9 +133,7 @@ class Result(AbstractContextManager["Result"]):
         last_ms, slack_ms = float(held.at.max()), STEP_TOLERANCE * run.dt_ms
         if abs(last_ms - run.end_ms) > 10 * slack_ms:
             words = f"results end at {last_ms:g} ms, the deck runs to {run.end_ms:g} ms"
-            if not options.partial:
-                raise ResultError(f"{words}; --partial (partial=True) takes them so", path)
-            options.note(words)
+            options.refuse(words, path)
         kept = held.at >= run.start_ms - slack_ms
         at, values = held.at[kept], held.values[kept]  # noqa: PD008, PD011 - no frame
         if run.start_ms == 0.0 and at.size and at[0] > slack_ms:

@@ -172,11 +172,9 @@ class FieldSource(Source, Generic[_Block]):
 
     def check_unchanged(self) -> None:
         """Refuse, or with `partial` note, a file that was written to while it was read."""
-        change = self.file.change
-        if change is not None and not self.options.partial:
-            raise ResultError(f"{change}; read it again when the run has ended", self.path)
-        if change is not None:
-            self.options.note(change)
+        if (change := self.file.change) is not None:
+            words = f"{change}; read it again when the run has ended"
+            self.options.refuse(words, self.path, noted=change)
 
     def everywhere(self, blocks: Sequence[_Block]) -> tuple[IntArray, FloatArray]:
         """All nodes of any of `blocks`, rising, and values there; NaN where a node has none."""

@@ -257,9 +257,7 @@ def status_rows(path: Path, options: ReadOptions) -> Iterator[Sequence[object]]:
             if not ended:
                 problem = f"line {number} has no end yet and is left out: {line[:40]!r}"
     if words := _out_of_order(rows):
-        if not options.partial:
-            raise ResultError(f"{words}; --partial (partial=True) takes all rows", path)
-        options.note(words)
+        options.refuse(words, path)
     if problem is not None:
         options.note(problem)
     yield tuple(column.name for column in fields(kind))
