@@ -101,7 +101,7 @@ def keep(key: str, what: str, record: Table, files: Iterable[Path]) -> None:
         if cache is None or size > ENTRY_LIMIT_BYTES:
             return
         cache.mkdir(mode=0o700, parents=True, exist_ok=True)
-        _make_room(cache, size)
+        _make_room(size)
         with filling(cache / key, last=ENTRY_FILE) as draft:
             for path in paths:
                 shutil.copyfile(path, draft / path.name)
@@ -119,18 +119,12 @@ def keep(key: str, what: str, record: Table, files: Iterable[Path]) -> None:
 
 def entries(most: int | None = None) -> list[Entry]:
     """Entries of the cache, the last used first; `most` of them alone are read."""
-    cache = cache_folder()
     found: list[Entry] = []
-    used_s: dict[Path, float] = {}
-    for path in [] if cache is None else cache.glob(f"*/{ENTRY_FILE}"):
-        with suppress(OSError):  # another process is at work on it
-            used_s[path] = path.stat().st_mtime
-    for path in sorted(used_s, key=used_s.__getitem__, reverse=True)[:most]:
-        with suppress(OSError, ResponseError):
-            files = (file for file in path.parent.rglob("*") if file.is_file())
-            size = sum(file.stat().st_size for file in files)
-            table = read_sealed(path, "cache entry", FORMAT)
-            found.append(Entry(path.parent, table["what"], table["record"], size, used_s[path]))
+    for used_s, folder in _by_use()[:most]:
+        with suppress(OSError, ResponseError):  # another process is at work on it
+            table = read_sealed(folder / ENTRY_FILE, "cache entry", FORMAT)
+            size = _bytes_in(folder)
+            found.append(Entry(folder, table["what"], table["record"], size, used_s))
     return found
 
 
@@ -149,7 +143,7 @@ def clear() -> int:
     for folder in cache.iterdir():
         if not _is_ours(folder):
             continue
-        removed += sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+        removed += _bytes_in(folder)
         try:
             shutil.rmtree(folder)
         except OSError as error:
@@ -163,11 +157,28 @@ def _is_ours(folder: Path) -> bool:
     return folder.is_dir() and len(name) == _KEY_LETTERS and not set(name) - set("0123456789abcdef")
 
 
-def _make_room(cache: Path, wanted: int) -> None:
+def _by_use() -> list[tuple[float, Path]]:
+    """Last use and folder of each entry, the last used first."""
+    cache = cache_folder()
+    found: list[tuple[float, Path]] = []
+    for path in cache.glob(f"*/{ENTRY_FILE}") if cache else ():
+        with suppress(OSError):
+            found.append((path.stat().st_mtime, path.parent))
+    return sorted(found, reverse=True)
+
+
+def _bytes_in(folder: Path) -> int:
+    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+
+
+def _make_room(wanted: int) -> None:
     """Remove entries from the end of the list until `wanted` bytes more are in the limit."""
-    found = entries()
-    total = sum(entry.bytes for entry in found)
+    found = []
+    for _, folder in _by_use():
+        with suppress(OSError):  # another process removes it
+            found.append((folder, _bytes_in(folder)))
+    total = sum(size for _, size in found)
     while found and total + wanted > LIMIT_BYTES:
-        oldest = found.pop()
-        total -= oldest.bytes
-        shutil.rmtree(oldest.folder, ignore_errors=True)
+        folder, size = found.pop()
+        total -= size
+        shutil.rmtree(folder, ignore_errors=True)
