@@ -184,7 +184,7 @@ class FrdSource(FieldSource[FrdBlock]):
             raise ResultError(f"no increment has all of {', '.join(names)}", self.path)
         return found
 
-    def name_of(self, held: Sequence[str], quantity: str | None) -> str:
+    def history_name(self, held: Sequence[str], quantity: str | None) -> str:
         """Stress, but for the real part of a complex one, else displacement, else the first."""
         stress = self._index.named(STRESS)[:1]
         tensor = stress and set(COMPONENTS[STRESS]) <= set(stress[0].components)
@@ -192,14 +192,14 @@ class FrdSource(FieldSource[FrdBlock]):
             quantity is None and tensor and STRESS in held and imaginary(STRESS) not in held
         ):
             quantity = STRESS
-        name = self.named(held, quantity)
+        name = self.field_name(held, quantity)
         for real in held:
             if (part := imaginary(real)) in held and name in (real, part):
                 words = f"{real} is the real part of amplitudes, {part} the imaginary"
                 self.options.note(words)
         return name
 
-    def named(self, held: Sequence[str], quantity: str | None) -> str:
+    def field_name(self, held: Sequence[str], quantity: str | None) -> str:
         """The name among those `held`; of one without records why there are none."""
         blocks = self._index.blocks
         empty = {b.name: b for b in reversed(blocks) if not b.records and b.name not in held}

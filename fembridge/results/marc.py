@@ -305,7 +305,7 @@ class MarcSource(FieldSource[MarcBlock]):
         found = [{name: one for name, one in out.items() if name in names} for out in outputs]
         return [output for output in found if output]
 
-    def name_of(self, held: Sequence[str], quantity: str | None) -> str:
+    def history_name(self, held: Sequence[str], quantity: str | None) -> str:
         """The stress of traces, without one the displacement, else the first."""
         if VON_MISES in held and quantity in (None, VON_MISES):
             return VON_MISES
@@ -326,7 +326,7 @@ class MarcSource(FieldSource[MarcBlock]):
             return name
         if not held:
             raise ResultError("no values in it", self.path)
-        return self.named(held, quantity)
+        return self.field_name(held, quantity)
 
     def at_nodes(self, blocks: Sequence[MarcBlock], nodes: Sequence[int]) -> FloatArray:
         """Values of one quantity, ``(T, node, component)``; those of points inside one layer."""
@@ -360,7 +360,7 @@ class MarcSource(FieldSource[MarcBlock]):
         if set_name:
             raise UsageError("--one-sided of a Marc post file takes no name: it has all elements")
         outputs = self.outputs()
-        name = self.name_of(names_in(outputs), STRESS)
+        name = self.history_name(names_in(outputs), STRESS)
         blocks = [output[name] for output in self.having(outputs, (name,))]
         points = self._around([node])
         found = np.array([self._carried(one, points) for one in blocks])

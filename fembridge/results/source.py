@@ -139,11 +139,11 @@ class FieldSource(Source, Generic[_Block]):
         """Outputs that have `names`, and these alone."""
         raise NotImplementedError
 
-    def name_of(self, held: Sequence[str], quantity: str | None) -> str:
+    def history_name(self, held: Sequence[str], quantity: str | None) -> str:
         """The name among those `held` that a history takes."""
         raise NotImplementedError
 
-    def named(self, held: Sequence[str], quantity: str | None) -> str:
+    def field_name(self, held: Sequence[str], quantity: str | None) -> str:
         """The name among those `held` that `quantity` means."""
         return name_in(held, quantity, self.path)
 
@@ -201,7 +201,7 @@ class FieldSource(Source, Generic[_Block]):
     ) -> History:
         """Each output of a quantity at `nodes`, see `Source`."""
         outputs = self.outputs()
-        name = self.name_of(names_in(outputs), quantity)
+        name = self.history_name(names_in(outputs), quantity)
         blocks = [output[name] for output in self.having(outputs, (name,))]
         axis = one_axis(name, [one.axis for one in blocks], modes, self.options)
         blocks = [one for one in blocks if one.axis == axis]
@@ -281,7 +281,7 @@ class FieldSource(Source, Generic[_Block]):
 
     def _blocks(self, quantity: str) -> list[_Block]:
         outputs = self.outputs()
-        name = self.named(names_in(outputs), quantity)
+        name = self.field_name(names_in(outputs), quantity)
         return [output[name] for output in self.having(outputs, (name,))]
 
     def _fields(self, blocks: Sequence[_Block]) -> Iterator[Field]:
@@ -303,7 +303,7 @@ class FieldSource(Source, Generic[_Block]):
         """Increments, or `modes`, one by one; the file is looked through at once."""
         outputs, names = self.outputs(), None
         if quantities is not None:
-            names = [self.named(names_in(outputs), one) for one in quantities]
+            names = [self.field_name(names_in(outputs), one) for one in quantities]
             outputs = self.having(outputs, names)
         axes = [next(iter(output.values())).axis for output in outputs]
         axis = one_axis(", ".join(names or ["any quantity"]), axes, modes, self.options)
