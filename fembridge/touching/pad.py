@@ -17,7 +17,7 @@ import io
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -254,11 +254,20 @@ def pad_named(wanted: str | Pad) -> Pad:
     """
     if isinstance(wanted, Pad):
         return wanted
-    for path in (STORED / f"{wanted}.npz", Path(wanted)):
-        if path.is_file():
-            return read_pad(path)
+    stored = STORED / f"{wanted}.npz"
+    if stored.is_file():
+        return _stored(stored)
+    path = Path(wanted)
+    if path.is_file():
+        return read_pad(path)
     known = ", ".join(sorted(each.stem for each in STORED.glob("*.npz")))
     raise UsageError(f"pad {wanted!r}: neither a stored one ({known}) nor a file")
+
+
+@cache
+def _stored(path: Path) -> Pad:
+    """A stored pad, read once: one touch after the other is on the same."""
+    return read_pad(path)
 
 
 def _checksum(text: str, arrays: Mapping[str, Any]) -> str:

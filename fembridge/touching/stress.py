@@ -16,7 +16,7 @@ rates were recorded with. `pad_response` is the answer to it as a response map: 
 `fitted_pad` was fitted on, see ``docs/model_study.md``.
 """
 
-from functools import cache
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -167,7 +167,7 @@ def sa_stress_pa(
     return found
 
 
-@cache
+@lru_cache(maxsize=4)
 def _sa_scale(pad: Pad) -> float:
     """Von Mises stress over what SA reads where it sits under a flat pin of 1 mm: k."""
     nodes, forces, _ = press_to(pad, Shape.punch(PIN_MM), np.array([_PIN_UM]))

@@ -90,6 +90,7 @@ def test_a_stored_pad_comes_back_and_an_altered_one_does_not(tmp_path):
     assert_allclose(again.down_mm, PAD.down_mm, rtol=1e-7)
     assert_allclose(again.stress_pa, PAD.stress_pa, atol=1e-3 * np.abs(PAD.stress_pa).max())
     assert again.finger == PAD.finger
+    assert pad_named("reference") is PAD is pad_named(PAD)  # read once
 
     with np.load(path) as stored:
         arrays = dict(stored)
