@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 INTERRUPTED = 130
 """Exit code of what Ctrl-C ended: 128 + SIGINT, as shells have it."""
 
+MOST_LINES = 30
+"""Of a table on the screen; the rest is in a file."""
+
 LONGEST_ERROR = 300
 """Characters of an error; the rest is in a file that the line names."""
 

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fembridge.commands.options import Several, add_from, add_options, column, words_of
-from fembridge.terminal import log
+from fembridge.terminal import MOST_LINES, log
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from fembridge.tables import Rate, SpikeTrain
     from fembridge.trace import StressTrace, Traces
 
-# Rows that a table on the screen shows before it is cut.
-_SHOWN = 30
 # Up to so many units have a row each in the raster.
 _MOST_ROWS = 60
 
@@ -206,15 +204,15 @@ def _print(rows: list[dict[str, Any]]) -> None:
         del widths["unit"]
     head = "".join(f"{name:<{width}}" for name, width in widths.items())
     print(f"{head}{'node':>7}{'spikes':>8}{'rate_ips':>10}  window_ms")
-    for row in rows[:_SHOWN]:
+    for row in rows[:MOST_LINES]:
         start, end = row["window_ms"]
         head = "".join(f"{row[name]:<{width}}" for name, width in widths.items())
         print(
             f"{head}{row['node'] or '-':>7}{row['spikes_in_window']:>8}"
             f"{row['rate_ips']:>10.2f}  {start:g} to {end:g}"
         )
-    if len(rows) > _SHOWN:
-        print(f"... {len(rows) - _SHOWN} more in rates.csv")
+    if len(rows) > MOST_LINES:
+        print(f"... {len(rows) - MOST_LINES} more in rates.csv")
 
 
 def _window(trace: "StressTrace", args: argparse.Namespace, found: "Traces") -> tuple[float, float]:

@@ -22,15 +22,12 @@ from fembridge.commands.options import (
     probe_from,
     words_of,
 )
-from fembridge.terminal import log
+from fembridge.terminal import MOST_LINES, log
 
 if TYPE_CHECKING:
     from fembridge.simulation import Simulation
 
 EXAMPLE = "fembridge simulate --stimulus noise_25_250 -o out"
-
-# Rows that a table on the screen shows before it is cut.
-_SHOWN = 30
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -108,11 +105,11 @@ def _print_rates(simulation: "Simulation") -> None:
     count = len(simulation.traces[0])
     rates = simulation.mean_rates
     ids = [stimulus.id for stimulus in simulation.stimuli]
-    width = max(len("stimulus"), *map(len, ids[:_SHOWN]))
+    width = max(len("stimulus"), *map(len, ids[:MOST_LINES]))
     header = "".join(f"{rate.afferent:>8}" for rate in rates[:count])
     print(f"{'stimulus':<{width}}{header}   impulses/s")
-    for row, name in enumerate(ids[:_SHOWN]):
+    for row, name in enumerate(ids[:MOST_LINES]):
         of_stimulus = rates[row * count : (row + 1) * count]
         print(f"{name:<{width}}{''.join(f'{rate.rate_ips:8.1f}' for rate in of_stimulus)}")
-    if len(ids) > _SHOWN:
-        print(f"... {len(ids) - _SHOWN} more in rates.csv")
+    if len(ids) > MOST_LINES:
+        print(f"... {len(ids) - MOST_LINES} more in rates.csv")
