@@ -69,7 +69,7 @@ def read_evidence(source: Path | str, like: str) -> Facts:
     import pandas
 
     path = FOLDER / f"{source}.csv" if source in SETS else Path(source)
-    names = list(evidence(like).columns)
+    names = list(published(like).table.columns)
     table = read_table(path, names)
     columns = {
         name: table.choices(name, _CHOICES[name])
@@ -81,8 +81,8 @@ def read_evidence(source: Path | str, like: str) -> Facts:
 
 
 @cache
-def evidence(name: str) -> "pandas.DataFrame":
-    """Table of the set `name`, one of `SETS`; copy it before you change it.
+def published(name: str) -> Facts:
+    """The set `name`, one of `SETS`; copy its table before you change it.
 
     Raises
     ------
@@ -91,7 +91,10 @@ def evidence(name: str) -> "pandas.DataFrame":
     """
     import pandas
 
-    return pandas.read_csv(_path(name), comment="#", encoding="utf-8")
+    if name not in SETS:
+        raise UsageError(f"no evidence {name!r}, expected one of {', '.join(SETS)}")
+    path = FOLDER / f"{name}.csv"
+    return Facts(pandas.read_csv(path, comment="#", encoding="utf-8"), _citation(path))
 
 
 def published_timing() -> "pandas.DataFrame":
@@ -99,7 +102,7 @@ def published_timing() -> "pandas.DataFrame":
 
     ``afferent, frequency_hz, amplitude_um, impulses_per_cycle, strength_f, strength_2f``.
     """
-    table = evidence(TIMING).assign(frequency_hz=20.0)
+    table = published(TIMING).table.assign(frequency_hz=20.0)
     names = {"vector_strength_20hz": "strength_f", "vector_strength_40hz": "strength_2f"}
     return table.rename(columns=names)[list(TIMING_COLUMNS)]
 
@@ -138,17 +141,6 @@ def touchsim_rates(preindent_um: float = 0.0, *, whole_second: bool = False) -> 
     return [Rate(*row) for row in zip(*columns, strict=True)]
 
 
-def citation(name: str) -> str:
-    """What the set `name` holds, and its source."""
-    return _citation(_path(name))
-
-
 def _citation(path: Path) -> str:
     lines = path.read_text(encoding="utf-8").splitlines()
     return " ".join(line[1:].strip() for line in lines if line.startswith("#"))
-
-
-def _path(name: str) -> Path:
-    if name not in SETS:
-        raise UsageError(f"no evidence {name!r}, expected one of {', '.join(SETS)}")
-    return FOLDER / f"{name}.csv"

@@ -22,8 +22,7 @@ from fembridge.evidence import (
     TIMING,
     TIMING_COLUMNS,
     Facts,
-    citation,
-    evidence,
+    published,
     published_timing,
 )
 from fembridge.response.response_map import ResponseMap
@@ -113,7 +112,7 @@ def gather(
     response, model = judged
     preindent_um, spikes = model.preindent_um, _spikes(judged)
     known = {
-        name: own.get(name) or Facts(evidence(name), citation(name))
+        name: own.get(name) or published(name)
         for name in (THRESHOLDS, TIMING, PHASES, MAN, DISTANCE)
     }
     recorded = timing_of(trains) if trains else published_timing()

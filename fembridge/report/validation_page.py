@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fembridge import __version__
-from fembridge.evidence import RAMP, TOUCHSIM_MODELS, TOUCHSIM_TABLE, evidence, touchsim_rates
+from fembridge.evidence import RAMP, TOUCHSIM_MODELS, TOUCHSIM_TABLE, published, touchsim_rates
 from fembridge.plots.rates import OWN, PUBLISHED, rates_figure, thresholds_figure
 from fembridge.plots.response import deflection_figure
 from fembridge.plots.spikes import raster_figure
@@ -504,7 +504,7 @@ def _tuning_frame(tuning: "DataFrame") -> "DataFrame":
 
 
 def _ramp_facts() -> "DataFrame":
-    table = evidence(RAMP)
+    table = published(RAMP).table
     heads = {"fact": "What is known", "source": "Source"}
     return table.set_index("afferent").rename_axis(None).rename(columns=heads)
 

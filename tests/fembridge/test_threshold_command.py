@@ -12,8 +12,7 @@ from fembridge.evidence import (
     CRITERIA,
     DISTANCE,
     THRESHOLDS,
-    citation,
-    evidence,
+    published,
     read_evidence,
 )
 from fembridge.fitting.problem import stored_source
@@ -61,7 +60,7 @@ def test_what_even_the_deepest_vibration_does_not_reach_is_no_number(response):
     found = thresholds(response, deaf, [40.0], 75.0)
 
     assert found["amplitude_um"].isna().all()
-    observed = evidence(THRESHOLDS).query("afferent == 'RA' and frequency_hz == 38")
+    observed = published(THRESHOLDS).table.query("afferent == 'RA' and frequency_hz == 38")
     assert against_evidence(found.assign(frequency_hz=38), observed)["ratio"].isna().all()
 
 
@@ -101,9 +100,9 @@ def test_a_table_in_the_place_of_a_set_brings_its_source(tmp_path):
     found = read_evidence(own, DISTANCE)
     assert found.table.to_dict("list") == {"distance_mm": [1.5], "amplitude_um": [40.0]}
     assert found.source == "Mine, 2026. far"
-    published = read_evidence(THRESHOLDS, THRESHOLDS)
-    pd.testing.assert_frame_equal(published.table, evidence(THRESHOLDS), check_dtype=False)
-    assert published.source == citation(THRESHOLDS)
+    named, known = read_evidence(THRESHOLDS, THRESHOLDS), published(THRESHOLDS)
+    pd.testing.assert_frame_equal(named.table, known.table, check_dtype=False)
+    assert named.source == known.source
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from fembridge.evidence import THRESHOLDS, Facts, citation, evidence, touchsim_rates
+from fembridge.evidence import THRESHOLDS, Facts, published, touchsim_rates
 from fembridge.fitting.problem import stored_source
 from fembridge.observed import read_observed
 from fembridge.plots.rates import rates_figure
@@ -49,8 +49,8 @@ def study(observed_file, own_file):
     """Thresholds at few frequencies and distances at few amplitudes: those take the time."""
     observed = read_observed(observed_file, complete=False)
     response, models = stored_source("quick").response, judged_models(str(own_file))
-    table = evidence(THRESHOLDS)
-    few = Facts(table[table.frequency_hz.between(20, 200)], citation(THRESHOLDS))
+    table, source = published(THRESHOLDS).table, published(THRESHOLDS).source
+    few = Facts(table[table.frequency_hz.between(20, 200)], source)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(recorded, "CURVE_HZ", (20.0, 200.0, 800.0))
         patch.setattr(recorded, "_PIN_UM", recorded._PIN_UM[::4])

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import fembridge
 from decks.stimuli import CATALOGUE
 from fembridge.errors import MissingError, UsageError
-from fembridge.evidence import THRESHOLDS, Facts, touchsim_rates
+from fembridge.evidence import THRESHOLDS, Facts, published, touchsim_rates
 from fembridge.fitting.problem import stored_source
 from fembridge.observed import read_observed
 from fembridge.report import recorded
@@ -310,7 +310,7 @@ def test_recorded_spikes_stand_in_the_place_of_the_published_timing(study, monke
     assert strongest.spikes.tolist() == [4, 0, 0, 0, 0, 2, 0, 0, 0, 0]
     monkeypatch.setattr(recorded, "_distance", lambda *_: None)
     monkeypatch.setattr(recorded, "CURVE_HZ", (20.0,))
-    few = Facts(fembridge.evidence.evidence(THRESHOLDS)[:1], "")
+    few = Facts(published(THRESHOLDS).table[:1], "")
     answering = stored_source("quick").response, study.judged
     found = gather(answering, answering, {THRESHOLDS: few}, trains)
     assert set(found.judged.timing.afferent) == set(found.phases.afferent) == {"RA"}
