@@ -98,17 +98,8 @@ def motion_of(stimulus: Stimulus, procedure: str = "static", relaxing_s: float =
     ramp = RAMP_INCREMENTS if stimulus.preindent_um > 0 else 0
     depth_mm = stimulus.displacement_um * _MM_PER_UM
     aside_mm = None if stimulus.aside_um is None else stimulus.aside_um * _MM_PER_UM
-    if procedure == "dynamic":  # one step: a smooth ramp, and more than a time a sample
-        ramp = SMOOTH_RAMP if ramp else 0
-        share = 0.5 * (1 - np.cos(np.pi * np.arange(ramp) / SMOOTH_RAMP))
-        way_mm = np.concatenate([share * depth_mm[0], depth_mm[:1]])
-        fine_mm = np.concatenate([_finer(way_mm)[:-1], _finer(depth_mm)])
-        if aside_mm is not None:
-            aside_mm = np.concatenate([np.zeros(SUBSTEPS * ramp), _finer(aside_mm)])
-        fine_s, count = dt_s / SUBSTEPS, len(fine_mm)
-        time_s: FloatArray = np.arange(count, dtype=np.float64) * fine_s
-        steps = (Phase("dynamic", fine_s, count - 1, SUBSTEPS),)
-        return Motion(time_s, fine_mm, dt_s, SUBSTEPS * ramp, steps, aside_mm)
+    if procedure == "dynamic":
+        return _smooth(depth_mm, aside_mm, dt_s, SMOOTH_RAMP if ramp else 0)
     way_mm = np.linspace(0.0, depth_mm[0], ramp + 1)[:-1]
     samples = len(depth_mm) - 1
     if procedure == "static":
@@ -132,6 +123,19 @@ def motion_of(stimulus: Stimulus, procedure: str = "static", relaxing_s: float =
     return Motion(
         time_s, np.concatenate([way_mm, held_mm, depth_mm]), dt_s, before, phases, aside_mm
     )
+
+
+def _smooth(depth_mm: FloatArray, aside_mm: FloatArray | None, dt_s: float, ramp: int) -> Motion:
+    """One step for where inertia counts: a smooth ramp, and more than a time a sample."""
+    share = 0.5 * (1 - np.cos(np.pi * np.arange(ramp) / SMOOTH_RAMP))
+    way_mm = np.concatenate([share * depth_mm[0], depth_mm[:1]])
+    fine_mm = np.concatenate([_finer(way_mm)[:-1], _finer(depth_mm)])
+    if aside_mm is not None:
+        aside_mm = np.concatenate([np.zeros(SUBSTEPS * ramp), _finer(aside_mm)])
+    fine_s, count = dt_s / SUBSTEPS, len(fine_mm)
+    time_s = np.arange(count, dtype=np.float64) * fine_s
+    steps = (Phase("dynamic", fine_s, count - 1, SUBSTEPS),)
+    return Motion(time_s, fine_mm, dt_s, SUBSTEPS * ramp, steps, aside_mm)
 
 
 def _finer(samples: FloatArray) -> FloatArray:
