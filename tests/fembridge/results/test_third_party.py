@@ -25,7 +25,7 @@ from fembridge.results.readers import ReadOptions
 from fembridge.results.source import read_values
 
 FOLDER = Path("/usr/share/doc/calculix-ccx-test/examples/test")
-OF = 1 if os.environ.get("CI") == "true" else 5
+OF = 1 if os.environ.get("CI") == "true" else 8
 FRD = sorted(p.name for p in FOLDER.glob("*.frd*") if "check" not in p.name)[OF - 1 :: OF]
 DAT = sorted(path.name for path in FOLDER.glob("*.dat.ref*"))[OF - 1 :: OF]
 DECKS = sorted(path.name for path in FOLDER.glob("*.inp*"))[OF - 1 :: OF]
