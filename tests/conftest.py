@@ -207,6 +207,17 @@ def fake_ccx(tmp_path, monkeypatch, python_program):
 
 
 @pytest.fixture
+def replaying_ccx(tmp_path, monkeypatch, python_program):
+    """A solver that leaves the recorded indentation of `quick`: see ``replaying_ccx.py``."""
+    text = Path(__file__).with_name("replaying_ccx.py").read_text(encoding="utf-8")
+    program = python_program(tmp_path / "bin" / "ccx", text)
+    monkeypatch.setenv("FEMBRIDGE_CCX", str(program))
+    monkeypatch.setenv("REPLAYED", str(ROOT / "fixtures" / "response_quick"))
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    return program
+
+
+@pytest.fixture
 def make_run(tmp_path):
     def make(play="normal", name="run", deck=None, increments=4, solver="calculix"):
         folder = tmp_path / name

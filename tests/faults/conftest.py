@@ -18,20 +18,6 @@ from fembridge.cli import main
 
 ROOT = Path(__file__).parents[2]
 TABLE = ROOT / "docs" / "faults.md"
-RECORDED = ROOT / "fixtures" / "response_quick"
-SUFFIXES = (".cvg", ".sta", ".dat", ".frd")
-
-REPLAY = """
-import os, shutil, sys
-job = sys.argv[2]
-print("CalculiX Version 2.20, Copyright(C) 1998-2022 Guido Dhondt", flush=True)
-for suffix in {suffixes}:
-    shutil.copyfile({recorded!r} + "/job" + suffix, job + suffix)
-cut = os.environ.get("FAULT_CUT")
-if cut:
-    os.truncate(job + cut, os.path.getsize(job + cut) // 2)
-print(" Job finished", flush=True)
-"""
 
 
 @dataclass(frozen=True)
@@ -98,16 +84,6 @@ def refused(capsys, as_in_table):
         return lines[-1]
 
     return run
-
-
-@pytest.fixture
-def replaying_ccx(tmp_path, monkeypatch, python_program):
-    """Give a solver that leaves the recorded indentation of `quick`, or cuts it."""
-    text = REPLAY.format(suffixes=SUFFIXES, recorded=str(RECORDED))
-    program = python_program(tmp_path / "bin" / "ccx", text)
-    monkeypatch.setenv("FEMBRIDGE_CCX", str(program))
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")
-    return program
 
 
 def contents(folder):

@@ -77,7 +77,7 @@ def test_forces_cut_anywhere_are_refused_or_were_not_needed(solved):
 def test_a_simulation_does_not_use_what_was_cut(
     replaying_ccx, tmp_path, monkeypatch, refused, suffix
 ):
-    monkeypatch.setenv("FAULT_CUT", suffix)
+    monkeypatch.setenv("REPLAY_CUT", suffix)
     out = tmp_path / "out"
 
     refused("simulate", "--no-plot", "--stimulus", "sine_20_250", "-o", out, notes=1)

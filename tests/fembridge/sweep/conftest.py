@@ -1,45 +1,14 @@
-"""Studies in files, and a solver that gives the recorded response of `quick`.
-
-The solver keeps a ledger: a line when it begins and a line when it has solved. What
-it does with a deck is shown by environment variables, which workers inherit.
-"""
+"""Studies in files, and a sweep in this process or in one of its own."""
 
 from concurrent.futures import Executor, Future
 from pathlib import Path
 
 import pytest
 
-import fembridge
 from fembridge import cli
 from fembridge.machine import CCX_VARIABLE
 from fembridge.sweeps import sweep
 from fembridge.sweeps.work import solver_version
-
-ROOT = Path(fembridge.__file__).parents[1]
-RECORDED = ROOT / "fixtures" / "response_quick"
-
-SOLVER = """
-import os, shutil, sys, time
-if sys.argv[1] == "-v":
-    print("This is Version 2.20"); sys.exit(201)
-def note(word):
-    line = f"{word} {os.getpid()} {os.getppid()} {os.getcwd()}\\n"
-    handle = os.open(os.environ["SWEEP_LEDGER"], os.O_WRONLY | os.O_APPEND | os.O_CREAT)
-    os.write(handle, line.encode()); os.close(handle)
-job = sys.argv[2]
-deck = open(job + ".inp").read()
-print("CalculiX Version 2.20, Copyright(C) 1998-2022 Guido Dhondt", flush=True)
-note("begin")
-if os.environ.get("SWEEP_REFUSES", "no such text") in deck:
-    print(" *ERROR reading *ELASTIC: the moon is full\\n"); sys.exit(201)
-gate = os.environ.get("SWEEP_GATE")
-while gate and not os.path.exists(gate):
-    time.sleep(0.02)
-for suffix in (".cvg", ".sta", ".dat", ".frd"):
-    shutil.copyfile(os.environ["SWEEP_RECORDED"] + "/job" + suffix, job + suffix)
-print(" Job finished", flush=True)
-note("end")
-"""
 
 
 @pytest.fixture(autouse=True)
@@ -48,13 +17,10 @@ def version_of_each_test():
 
 
 @pytest.fixture
-def recorded_ccx(tmp_path, monkeypatch, python_program):
-    program = python_program(tmp_path / "bin" / "ccx", SOLVER)
-    monkeypatch.setenv(CCX_VARIABLE, str(program))
-    monkeypatch.setenv("SWEEP_LEDGER", str(tmp_path / "ledger"))
-    monkeypatch.setenv("SWEEP_RECORDED", str(RECORDED))
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")
-    return program
+def recorded_ccx(tmp_path, monkeypatch, replaying_ccx):
+    """It keeps a ledger."""
+    monkeypatch.setenv("REPLAY_LEDGER", str(tmp_path / "ledger"))
+    return replaying_ccx
 
 
 @pytest.fixture
@@ -74,7 +40,7 @@ def ledger(tmp_path):
 def gate(tmp_path, monkeypatch):
     """A file that the solver waits for."""
     path = tmp_path / "gate"
-    monkeypatch.setenv("SWEEP_GATE", str(path))
+    monkeypatch.setenv("REPLAY_GATE", str(path))
     return path
 
 

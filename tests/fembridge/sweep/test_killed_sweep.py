@@ -36,7 +36,7 @@ def finished(sweep):
 def test_a_finger_that_the_solver_refuses_fails_alone_and_is_tried_again(
     dermis_study, tmp_path, command, capsys, monkeypatch, ledger
 ):
-    monkeypatch.setenv("SWEEP_REFUSES", "\n0.045,")
+    monkeypatch.setenv("REPLAY_REFUSES", "\n0.045,")
     path = dermis_study(2, "preindent_um = [0, 75]")
 
     assert command(path, "-o", tmp_path / "out", "--jobs", "2") == 1
@@ -51,7 +51,7 @@ def test_a_finger_that_the_solver_refuses_fails_alone_and_is_tried_again(
     assert err[-1].startswith("fembridge: 2 of 4 items failed, first quick materials.")
     assert sum(line.startswith("failed: ") for line in err) == 2
 
-    monkeypatch.delenv("SWEEP_REFUSES")
+    monkeypatch.delenv("REPLAY_REFUSES")
     again = run_sweep(path, tmp_path / "out", jobs=1)
     assert (again.before, again.failed) == (2, ())
     assert len(begun(ledger)) == 3
