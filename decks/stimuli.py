@@ -21,7 +21,7 @@ that tables made elsewhere still find their stimulus. No NumPy here: samples are
 import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
-from itertools import accumulate, groupby
+from itertools import accumulate
 from math import isfinite
 from pathlib import Path
 from typing import ClassVar, NoReturn, TypeAlias, get_args
@@ -390,64 +390,3 @@ def _refuse(name: str) -> NoReturn:
 
 
 # ---- For a reader at a terminal: plain ASCII, so that no pipe stumbles over a Greek letter
-
-
-def catalogue_lines() -> list[str]:
-    """All of the catalogue: a block a family, a line for each set of levels."""
-    lines = [
-        f"{len(CATALOGUE)} stimuli of the paper's appendix. Each line is a set; "
-        "an id is its name and a level:",
-        "sine_20_250, diharm_10_50_125 (level of component 1), noise_25_250_10",
-    ]
-    for family, members in groupby(CATALOGUE, key=lambda entry: entry.family):
-        entries = list(members)
-        lines += ["", _FAMILIES[family].title.format(len(entries))]
-        for name, grouped in groupby(entries, key=set_name):
-            levels = list(grouped)
-            words = " ".join(map(_level, levels))
-            lines.append(f"  {name:<13} {len(levels):>2}  {_window(levels[0]):>10}  {words}")
-    lines += [
-        "",
-        "Sets: all, sine, diharm, noise, any name above (sine_20).",
-        "Your own: sine_40_100, diharm_10_50_20_20 (both amplitudes), noise_30_200_7,",
-        "ramp_300_100_200_100 (300 um deep in 100 ms, held for 200 ms, back in 100 ms),",
-        "and any waveform in a .csv, .wav or .npy: its path in the place of an id.",
-        f"Note: {MISPRINT_NOTE}.",
-    ]
-    return lines
-
-
-def entry_lines(entries: Sequence[Entry]) -> list[str]:
-    """One line for each entry: its id, its numbers, its window."""
-    width = max(len(entry.id) for entry in entries)
-    lines = [
-        f"{entry.id:<{width}}  {_description(entry)}, counted in {_window(entry)}"
-        + ("" if entry.in_appendix else "  (not in the appendix)")
-        for entry in entries
-    ]
-    return [*lines, f"{len(entries)} stimuli" if len(entries) > 1 else "1 stimulus"]
-
-
-def to_record(entry: Entry) -> dict[str, object]:
-    """Everything about an entry, for JSON."""
-    record: dict[str, object] = {"id": entry.id, "family": entry.family}
-    record |= entry.numbers()
-    if entry.seed is not None:
-        record["seed"] = entry.seed
-    return record | {"window_ms": list(entry.window_ms), "in_appendix": entry.in_appendix}
-
-
-def _level(entry: Entry) -> str:
-    amplitudes = (n for name, n in entry.numbers().items() if name.endswith("_um"))
-    return "+".join(map(number_text, amplitudes))
-
-
-def _window(entry: Entry) -> str:
-    start, end = entry.window_ms
-    return f"{start:g}-{end:g} ms"
-
-
-def _description(entry: Entry) -> str:
-    numbers = map(number_text, entry.numbers().values())
-    drawn = "" if entry.seed is None else f", seed {entry.seed}"
-    return entry.words.format(*numbers) + drawn

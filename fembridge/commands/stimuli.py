@@ -13,6 +13,7 @@ where the probe stands before time 0; other steps than 0.5 ms are resampled.
 
 import argparse
 import os
+from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 from fembridge.commands.options import WAVE, Words, add_options, option, words_of
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from decks.stimuli import Entry
     from fembridge.stimulus import Stimulus
 
 EXAMPLE = "fembridge stimuli --export csv sine_20_250,noise_25_250 -o waveforms/"
@@ -69,14 +71,81 @@ def _list(args: argparse.Namespace) -> dict[str, Any]:
                 f"{one.deepest_um:g} um, counted in {start:g}-{end:g} ms  ({one.origin['file']})"
             )
         if entries:
-            lines = stimuli.entry_lines(entries) if args.ids else stimuli.catalogue_lines()
+            lines = _entry_lines(entries) if args.ids else _catalogue_lines()
             print(*lines, sep="\n")
     records: list[dict[str, Any]] = [
         {"id": one.id, **one.origin, "window_ms": list(one.window_ms), "in_appendix": False}
         for one in own
     ]
-    records += map(stimuli.to_record, entries)
+    records += map(_record, entries)
     return {"count": len(records), "stimuli": records, "notes": [stimuli.MISPRINT_NOTE]}
+
+
+def _catalogue_lines() -> list[str]:
+    """All of the catalogue: a block a family, a line for each set of levels."""
+    from decks.stimuli import CATALOGUE, MISPRINT_NOTE, set_name
+
+    lines = [
+        f"{len(CATALOGUE)} stimuli of the paper's appendix. Each line is a set; "
+        "an id is its name and a level:",
+        "sine_20_250, diharm_10_50_125 (level of component 1), noise_25_250_10",
+    ]
+    for _, members in groupby(CATALOGUE, key=lambda entry: entry.family):
+        entries = list(members)
+        lines += ["", entries[0].title.format(len(entries))]
+        for name, grouped in groupby(entries, key=set_name):
+            levels = list(grouped)
+            words = " ".join(map(_level, levels))
+            lines.append(f"  {name:<13} {len(levels):>2}  {_window(levels[0]):>10}  {words}")
+    lines += [
+        "",
+        "Sets: all, sine, diharm, noise, any name above (sine_20).",
+        "Your own: sine_40_100, diharm_10_50_20_20 (both amplitudes), noise_30_200_7,",
+        "ramp_300_100_200_100 (300 um deep in 100 ms, held for 200 ms, back in 100 ms),",
+        "and any waveform in a .csv, .wav or .npy: its path in the place of an id.",
+        f"Note: {MISPRINT_NOTE}.",
+    ]
+    return lines
+
+
+def _entry_lines(entries: "Sequence[Entry]") -> list[str]:
+    """One line for each entry: its id, its numbers, its window."""
+    width = max(len(entry.id) for entry in entries)
+    lines = [
+        f"{entry.id:<{width}}  {_description(entry)}, counted in {_window(entry)}"
+        + ("" if entry.in_appendix else "  (not in the appendix)")
+        for entry in entries
+    ]
+    return [*lines, f"{len(entries)} stimuli" if len(entries) > 1 else "1 stimulus"]
+
+
+def _record(entry: "Entry") -> dict[str, object]:
+    """Everything about an entry, for JSON."""
+    record: dict[str, object] = {"id": entry.id, "family": entry.family}
+    record |= entry.numbers()
+    if entry.seed is not None:
+        record["seed"] = entry.seed
+    return record | {"window_ms": list(entry.window_ms), "in_appendix": entry.in_appendix}
+
+
+def _level(entry: "Entry") -> str:
+    from decks.stimuli import number_text
+
+    amplitudes = (n for name, n in entry.numbers().items() if name.endswith("_um"))
+    return "+".join(map(number_text, amplitudes))
+
+
+def _window(entry: "Entry") -> str:
+    start, end = entry.window_ms
+    return f"{start:g}-{end:g} ms"
+
+
+def _description(entry: "Entry") -> str:
+    from decks.stimuli import number_text
+
+    numbers = map(number_text, entry.numbers().values())
+    drawn = "" if entry.seed is None else f", seed {entry.seed}"
+    return entry.words.format(*numbers) + drawn
 
 
 def _made(args: argparse.Namespace, words: "Sequence[str | Path]") -> "list[Stimulus]":

@@ -34,11 +34,14 @@ def test_the_list_has_a_line_for_each_set_with_count_window_and_levels(capsys):
 
 
 def test_an_id_is_listed_with_its_numbers_and_its_window(capsys):
-    assert main(["stimuli", "noise_25_250_10", "diharm_10_100_125"]) == 0
-    noise, diharmonic, count = capsys.readouterr().out.splitlines()
+    asked = ["noise_25_250_10", "diharm_10_100_125", "sine_40_100", "ramp_300_100_200_50"]
+    assert main(["stimuli", *asked]) == 0
+    noise, diharmonic, own, ramp, count = capsys.readouterr().out.splitlines()
     assert "25 to 250 Hz, 10 um RMS, seed 1588730578, counted in 5-250 ms" in noise
     assert "10 Hz + 100 Hz, 125 um + 100 um" in diharmonic
-    assert count == "2 stimuli"
+    assert own.endswith("(not in the appendix)")
+    assert "300 um deep in 100 ms, held for 200 ms, back in 50 ms, counted in 0-500 ms" in ramp
+    assert count == "4 stimuli"
 
 
 def test_json_lists_all_82_with_numbers_and_the_note(capsys):
