@@ -23,7 +23,7 @@ from fembridge.commands.options import Several, Words, column
 
 if TYPE_CHECKING:
     from fembridge.results import Result
-    from fembridge.results.readers import ReadOptions
+    from fembridge.results.read_options import ReadOptions
 
 EXAMPLE = "fembridge ingest sine_20_250/job.frd -o traces.csv"
 LAST = "last"  # increment

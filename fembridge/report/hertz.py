@@ -45,7 +45,7 @@ from fembridge.report.study import (
     panels,
 )
 from fembridge.results.printed import read_node_print
-from fembridge.results.source import read_values
+from fembridge.results.readers import read_values
 from fembridge.results.stress import von_mises_pa
 from fembridge.stimulus import Stimulus
 from fembridge.typing import FloatArray

@@ -24,7 +24,7 @@ from decks.mesh import Mesh
 from decks.presets import QUICK, mesh_of
 from fembridge.report.study import Check, Finding, Runs, down, off_percent
 from fembridge.results.printed import read_point_stress
-from fembridge.results.source import read_values
+from fembridge.results.readers import read_values
 from fembridge.typing import FloatArray, IntArray
 
 NEO_HOOKEAN = "neo-hookean"

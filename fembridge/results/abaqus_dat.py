@@ -31,10 +31,10 @@ import numpy as np
 
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.byte_file import text_lines
+from fembridge.results.dat_section import TABLE, DatSection
 from fembridge.results.fields import numbers_near
 from fembridge.results.history import History, of_samples
-from fembridge.results.printed import TABLE, DatSection
-from fembridge.results.readers import ReadOptions, in_pa
+from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.results.source import Source
 from fembridge.results.status import fortran
 from fembridge.results.stress import von_mises_pa

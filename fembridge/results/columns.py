@@ -34,7 +34,7 @@ from fembridge.errors import FembridgeError, MissingError, ResultError, TableErr
 from fembridge.results.byte_file import ByteFile, suffix_of
 from fembridge.results.fields import TIMES_IN_MS, rows_of
 from fembridge.results.history import History
-from fembridge.results.readers import PA_PER_UNIT, ReadOptions, in_pa
+from fembridge.results.read_options import PA_PER_UNIT, ReadOptions, in_pa
 from fembridge.results.source import Source
 from fembridge.results.stress import TENSOR
 from fembridge.store import read_bytes

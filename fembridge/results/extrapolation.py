@@ -44,7 +44,7 @@ import numpy as np
 from fembridge.errors import DeckError, ResultError
 from fembridge.results.fields import Scene, SceneCells, numbers_near
 from fembridge.results.marc_post import PostMesh
-from fembridge.results.readers import METHODS
+from fembridge.results.read_options import METHODS
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 UNKNOWN_LAYERS = "the file does not hold the materials of its elements"

@@ -35,7 +35,7 @@ from fembridge.results.frd import (
     values_at,
 )
 from fembridge.results.history import OF_STRESS, name_in, printed_digit_ms
-from fembridge.results.readers import ReadOptions
+from fembridge.results.read_options import ReadOptions
 from fembridge.results.source import FieldSource, check_finite, field_of
 from fembridge.results.stress import OneSidedStress, clear_shear
 from fembridge.trace import MS_PER_S

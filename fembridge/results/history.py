@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fembridge.errors import ResultError, TraceError, UsageError
-from fembridge.results.readers import ReadOptions
+from fembridge.results.read_options import ReadOptions
 from fembridge.results.stress import DERIVED, TENSOR
 from fembridge.trace import (
     MS_PER_S,

@@ -38,7 +38,7 @@ from fembridge.results.history import (
     printed_digit_ms,
 )
 from fembridge.results.marc_post import PostCode, PostFile, PostIncrement
-from fembridge.results.readers import ReadOptions
+from fembridge.results.read_options import ReadOptions
 from fembridge.results.source import FieldSource, check_finite, field_of, names_in
 from fembridge.results.status import read_sts
 from fembridge.results.stress import TENSOR, OneSidedStress, von_mises_pa

@@ -29,7 +29,7 @@ import numpy as np
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import text_lines
 from fembridge.results.history import History, of_samples
-from fembridge.results.readers import ReadOptions, in_pa
+from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.results.source import Source
 from fembridge.tables import write_table
 from fembridge.trace import MS_PER_S

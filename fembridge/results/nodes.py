@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import DeckError, ResultError, UsageError
-from fembridge.results.readers import ReadOptions, open_source
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.readers import open_source
 from fembridge.results.source import Source
 from fembridge.store import MAX_DECK_BYTES, read_bytes
 from fembridge.typing import Table

@@ -20,7 +20,8 @@ from decks.unit_system import LENGTH_UNITS, MM, UnitSystem
 from fembridge.errors import FembridgeError, ResultError, UsageError
 from fembridge.results.fields import Field
 from fembridge.results.history import NO_KEYS, STRESS, VON_MISES, History
-from fembridge.results.readers import READERS, ReadOptions, open_source
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.readers import READERS, open_source
 from fembridge.results.source import Source
 from fembridge.run_folder import RUN_FILE, SOLVER_FILE, RunFolder, read_run_folder
 from fembridge.store import read_toml, sha256_of

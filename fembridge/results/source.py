@@ -36,13 +36,12 @@ from fembridge.results.history import (
     name_in,
     one_axis,
 )
-from fembridge.results.readers import NotFiniteError, ReadOptions, open_source, reader_of
+from fembridge.results.read_options import NotFiniteError, ReadOptions
 from fembridge.results.stress import DERIVED, OneSidedStress
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
 LAST = "last"  # increment
 _INCREMENT = re.compile(r"(?:(\d{1,9}):)?(\d{1,9})")
-_DEFAULTS = ReadOptions()
 
 
 class Source(AbstractContextManager["Source"]):
@@ -50,6 +49,9 @@ class Source(AbstractContextManager["Source"]):
 
     What a format does not have is refused here.
     """
+
+    format = ""
+    """Name of the reader that opened the file."""
 
     def __init__(self, file: ByteFile, options: ReadOptions) -> None:
         self.file, self.path, self.options = file, file.path, options
@@ -59,7 +61,7 @@ class Source(AbstractContextManager["Source"]):
 
     def describe(self) -> Table:
         """What the file holds."""
-        return {"format": reader_of(self.file).name, "bytes": self.file.size}
+        return {"format": self.format, "bytes": self.file.size}
 
     def unit_system(self) -> UnitSystem | None:
         """The units that the file names; None where it names none."""
@@ -353,21 +355,6 @@ class FieldSource(Source, Generic[_Block]):
             "highest_node": int(nodes.max()) if nodes.size else None,
             "storage": storage,
         }
-
-
-def read_values(
-    path: Path,
-    nodes: Sequence[int],
-    options: ReadOptions = _DEFAULTS,
-    *,
-    quantity: str = STRESS,
-) -> tuple[FloatArray, FloatArray]:
-    """A quantity at `nodes`, in that order: times ``(T,)`` in ms, ``(T, node, component)``."""
-    with open_source(path, options) as source:
-        found = source.history(nodes, quantity)
-    if not found.over_time:
-        raise ResultError(f"{found.form}, expected rows over time", source.path)
-    return found.at, found.values
 
 
 def field_of(block: Block, nodes: IntArray, values: FloatArray, path: Path) -> Field:

@@ -21,7 +21,7 @@ from typing import Any
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import text_lines
-from fembridge.results.readers import ReadOptions
+from fembridge.results.read_options import ReadOptions
 from fembridge.trace import MS_PER_S
 
 SUCCESS = 3004

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 import fembridge as fb
 from fembridge.cli import main
-from fembridge.results.source import read_values
+from fembridge.results.readers import read_values
 from fembridge.run_folder import read_run_folder
 
 moved_at = partial(read_values, quantity="displacement")

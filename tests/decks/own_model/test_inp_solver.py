@@ -12,7 +12,7 @@ from decks.motion import Motion
 from decks.own_model import Request
 from decks.own_model.inp import rebase_inp
 from fembridge.machine import find_ccx
-from fembridge.results.source import read_values
+from fembridge.results.readers import read_values
 
 # As somebody else writes it: metres, lower case, tabs, a step before the waveform's, one behind.
 FOREIGN = Path(__file__).with_name("foreign.inp")

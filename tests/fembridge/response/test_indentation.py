@@ -22,7 +22,7 @@ from fembridge.response.indentation import (
     recorded_response,
 )
 from fembridge.response.response_map import FOLDER, read_map, write_map
-from fembridge.results.source import read_values
+from fembridge.results.readers import read_values
 from fembridge.run_folder import read_run_folder, read_waveform
 from fembridge.trace import PA_PER_MPA
 

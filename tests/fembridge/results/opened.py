@@ -8,7 +8,8 @@ from xml.etree import ElementTree
 from fembridge.results import nodes
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.marc_post import PostFile
-from fembridge.results.readers import ReadOptions, open_source
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.readers import open_source
 
 PLAIN = ReadOptions()
 

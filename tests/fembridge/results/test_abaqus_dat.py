@@ -11,7 +11,7 @@ from fembridge import build_deck, read
 from fembridge.cli import main
 from fembridge.errors import ResultError
 from fembridge.results.printed import dat_sections, read_point_history, read_point_stress
-from fembridge.results.readers import ReadOptions
+from fembridge.results.read_options import ReadOptions
 from fembridge.tables import read_traces
 
 TITLE = "1\n{:78}Abaqus 2021  Date 01-Jan-2026\n".format("")

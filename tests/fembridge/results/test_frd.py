@@ -22,8 +22,8 @@ from fembridge.results.byte_file import ByteFile
 from fembridge.results.frd import FrdIndex
 from fembridge.results.nodes import read_node_sets
 from fembridge.results.printed import read_node_print
-from fembridge.results.readers import ReadOptions
-from fembridge.results.source import read_values
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.readers import read_values
 from fembridge.results.status import read_cvg, read_sta
 from fembridge.results.stress import von_mises_pa
 

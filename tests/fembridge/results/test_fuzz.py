@@ -22,8 +22,8 @@ from fembridge.results.printed import (
     read_point_history,
     read_point_stress,
 )
-from fembridge.results.readers import ReadOptions
-from fembridge.results.source import read_values
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.readers import read_values
 from fembridge.results.status import read_cvg, read_sta
 
 MUTATIONS = 10_000 if os.environ.get("CI") == "true" else 150

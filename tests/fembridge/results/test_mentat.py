@@ -15,7 +15,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from fembridge.errors import ResultError
 from fembridge.results import describe
 from fembridge.results.mentat import read_plot_tables
-from fembridge.results.readers import ReadOptions, open_source
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.readers import open_source
 
 COPIED = (
     "Time \tEquivalent Von Mises Stress Node 12 \tEquivalent Von Mises Stress Node 7 \n"

@@ -19,7 +19,7 @@ from fembridge.results.printed import (
     read_point_history,
     write_print_table,
 )
-from fembridge.results.readers import ReadOptions
+from fembridge.results.read_options import ReadOptions
 from fembridge.results.stress import von_mises_pa
 
 CUT_STEP = 1 if os.environ.get("CI") == "true" else 5

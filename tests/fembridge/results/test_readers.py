@@ -17,8 +17,8 @@ from fembridge.cli import main
 from fembridge.errors import ResultError, UsageError
 from fembridge.results import READERS, Reader, describe, read, read_history
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.readers import ReadOptions, reader_of
-from fembridge.results.source import read_values
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.readers import read_values, reader_of
 from fembridge.run_folder import AfferentNode, RunFolder, read_run_folder
 from fembridge.store import sha256_of
 

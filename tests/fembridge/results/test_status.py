@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from fembridge.errors import ResultError
 from fembridge.results.printed import describe_print, write_print_table
-from fembridge.results.readers import ReadOptions
+from fembridge.results.read_options import ReadOptions
 from fembridge.results.status import CvgRow, StaRow, StsRow, read_cvg, read_sta, read_sts
 
 

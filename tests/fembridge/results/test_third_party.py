@@ -21,8 +21,8 @@ from fembridge.results.byte_file import ByteFile
 from fembridge.results.frd import FrdIndex, node_ids
 from fembridge.results.nodes import read_node_sets
 from fembridge.results.printed import dat_sections
-from fembridge.results.readers import ReadOptions
-from fembridge.results.source import read_values
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.readers import read_values
 
 FOLDER = Path("/usr/share/doc/calculix-ccx-test/examples/test")
 OF = 1 if os.environ.get("CI") == "true" else 8

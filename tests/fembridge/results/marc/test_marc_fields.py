@@ -18,8 +18,8 @@ from fembridge import read, write_vtu_series
 from fembridge.errors import FembridgeError, ResultError, UsageError
 from fembridge.results import describe
 from fembridge.results.history import column_names
-from fembridge.results.readers import ReadOptions
-from fembridge.results.source import read_values
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.readers import read_values
 
 TIMES_S = (0.0, 0.001, 0.002)
 SETS = (

@@ -15,8 +15,8 @@ from opened import read_field, sides
 
 from fembridge import read, read_history
 from fembridge.errors import ResultError, UsageError
-from fembridge.results.readers import ReadOptions, open_source
-from fembridge.results.source import read_values
+from fembridge.results.read_options import ReadOptions
+from fembridge.results.readers import open_source, read_values
 from fembridge.run_folder import AfferentNode, RunFolder
 
 
