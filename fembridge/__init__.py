@@ -17,6 +17,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fembridge.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from decks.finger import Finger
     from decks.probe import Probe
@@ -48,8 +50,6 @@ if TYPE_CHECKING:
     from fembridge.touching.shape import Shape as Shape
     from fembridge.touching.touch import touch
     from fembridge.trace import StressTrace
-
-__version__ = "0.1.0"
 
 __all__ = [  # noqa: RUF022 - the main job first, then from deck to spikes, then what is built on it
     "simulate",

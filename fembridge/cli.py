@@ -26,10 +26,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn, TextIO
 
-from fembridge import __version__
 from fembridge.commands.options import Words, invalid_choice
 from fembridge.errors import FembridgeError, UsageError
 from fembridge.terminal import INTERRUPTED, PlainStream, PrintError, error_line
+from fembridge.version import __version__
 
 VERBS = {
     "stimuli": "list the stimuli of the catalogue, or export one",

@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fembridge import __version__
 from fembridge.errors import MissingError, UsageError
 from fembridge.store import near_hint, replacing
 from fembridge.tables import SpikeTrain
 from fembridge.trace import stacked
 from fembridge.typing import FloatArray, IntArray
+from fembridge.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

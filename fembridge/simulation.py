@@ -20,7 +20,6 @@ import numpy as np
 from decks.analysis import Contact, Model
 from decks.motion import SUBSTEPS
 from decks.presets import PRESETS, finger_table
-from fembridge import __version__
 from fembridge.build import build_run_folder, stimulus_inputs
 from fembridge.errors import (
     FembridgeError,
@@ -60,6 +59,7 @@ from fembridge.tables import (
 )
 from fembridge.trace import StressTrace, finger_id, stacked
 from fembridge.typing import FloatArray, Table
+from fembridge.version import __version__
 from neural import Parameters, encode_afferents, mean_rate_ips
 from neural.parameter_sets import (
     SET_NAMES,

@@ -17,8 +17,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Examine the machine; `exit_code` is 1 when something needed is missing."""
-    from fembridge import __version__
     from fembridge.machine import examine
+    from fembridge.version import __version__
 
     checks = examine(__version__)
     missing = [check.name for check in checks if check.state == "missing"]

@@ -18,7 +18,6 @@ from typing import TypeAlias
 import numpy as np
 
 from decks.stimuli import Entry
-from fembridge import __version__
 from fembridge.errors import UsageError
 from fembridge.fitting.problem import (
     EVERY,
@@ -33,6 +32,7 @@ from fembridge.store import write_text
 from fembridge.tables import Rate, write_rates, write_table
 from fembridge.terminal import Bars
 from fembridge.typing import FloatArray, Table
+from fembridge.version import __version__
 from neural.agreement import Agreement, agreement
 from neural.counts import compiled
 from neural.fit_problem import FitProblem, Target

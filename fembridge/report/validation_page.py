@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fembridge import __version__
 from fembridge.evidence import RAMP, TOUCHSIM_MODELS, TOUCHSIM_TABLE, published, touchsim_rates
 from fembridge.plots.rates import OWN, PUBLISHED, rates_figure, thresholds_figure
 from fembridge.plots.response import deflection_figure
@@ -67,6 +66,7 @@ from fembridge.stimulus import Stimulus
 from fembridge.store import filling, sha256_of, write_text
 from fembridge.tables import AFFERENTS, SPIKE_COLUMNS, SpikeTrain
 from fembridge.typing import Table
+from fembridge.version import __version__
 from fembridge.words import ABSENT, number, rendered
 from neural import threshold
 from neural.parameter_sets import parameters_to_table

@@ -7,7 +7,6 @@ from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from fembridge import __version__
 from fembridge.errors import MissingError, SolverError, UsageError
 from fembridge.executor import LocalExecutor, WorkerDiedError, send
 from fembridge.machine import SOLVER_INSTALL_LINE, check_ccx, find_ccx
@@ -25,6 +24,7 @@ from fembridge.solver.process import signals_as_exits
 from fembridge.solver.settings import OnProgress
 from fembridge.store import make_folder, write_text
 from fembridge.typing import Table
+from fembridge.version import __version__
 from fembridge.words import markdown, worded
 
 PAGE_FILE = "verification.md"

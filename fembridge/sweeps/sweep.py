@@ -24,7 +24,6 @@ import numpy as np
 
 from decks.probe import Probe
 from decks.waveform import make_stimulus
-from fembridge import __version__
 from fembridge.errors import FembridgeError, MissingError, UsageError
 from fembridge.executor import LocalExecutor, WorkerDiedError, dask_executor
 from fembridge.response.indentation import depth_for
@@ -46,6 +45,7 @@ from fembridge.sweeps.work import (
     work,
 )
 from fembridge.terminal import Bars, clock, how_far
+from fembridge.version import __version__
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -31,7 +31,7 @@ from decks.presets import finger_table, mesh_of
 from decks.probe import Probe
 from decks.stimuli import Entry
 from decks.waveform import make_stimulus
-from fembridge import __version__, executor
+from fembridge import executor
 from fembridge.build import stimulus_inputs
 from fembridge.errors import (
     FembridgeError,
@@ -61,6 +61,7 @@ from fembridge.store import (
 from fembridge.sweeps.study import Asked, ladder_of
 from fembridge.tables import write_spikes, write_table
 from fembridge.typing import Table
+from fembridge.version import __version__
 from neural import Parameters
 from neural.parameter_sets import parameters_to_table
 from neural.rates import spikes_inside

@@ -1,0 +1,3 @@
+"""The version of fembridge."""
+
+__version__ = "0.1.0"
