@@ -87,7 +87,7 @@ _HOMES = {
         ("fembridge.recording", "Recording"),
         ("fembridge.response.response_map", "ResponseMap"),
         ("fembridge.observed", "read_observed"),
-        ("fembridge.touchsim", "touchsim_rates"),
+        ("fembridge.evidence", "touchsim_rates"),
         ("fembridge.errors", "FembridgeError"),
         ("decks.finger", "Finger"),
         ("decks.probe", "Probe"),

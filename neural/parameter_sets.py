@@ -85,7 +85,11 @@ class ParameterSet:
         `name` is for one without; the message of a `ParameterError` begins with `source`.
         """
         if set(table) == {"name"}:
-            return parameter_set(str(table["name"]))
+            if table["name"] not in SET_NAMES:
+                known = " or ".join(SET_NAMES)
+                words = f"no parameter set {table['name']!r}, expected {known}"
+                raise ParameterError(f"{source}: {words}")
+            return _shipped(table["name"])
         try:
             base = table.get("base")
             if base is not None and base not in SET_NAMES:

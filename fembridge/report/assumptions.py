@@ -1,7 +1,7 @@
 """Studies of what every deck assumes: the model of the contact, its stiffness, the material law.
 
 `contact_models`: down to 250 µm and up again over the same depths, on the `quick` finger. Closure
-is what `fembridge.response.acceptance` judges every response by: the largest difference
+is what `fembridge.response.indentation` judges every response by: the largest difference
 between unloading and loading at the same depth, in percent of the stress there.
 
 `stiffness`: the stress at each afferent against the springs' stiffness K. What they give

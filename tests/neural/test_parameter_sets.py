@@ -264,6 +264,14 @@ def test_a_file_that_makes_no_parameters_is_refused_by_name(file_of, text, named
     assert "\n" not in str(caught.value)
 
 
+def test_a_file_of_a_name_alone_leads_to_no_other_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.toml").write_text('name = "own.toml"\n', encoding="utf-8")
+
+    with pytest.raises(ParameterError, match=r"^own\.toml: no parameter set 'own\.toml'"):
+        parameter_set("own.toml")
+
+
 @pytest.mark.parametrize("word", ["absent.toml", "sets", "sets/absent.toml"])
 def test_a_folder_or_a_file_that_is_not_there_is_named(tmp_path, monkeypatch, word):
     monkeypatch.chdir(tmp_path)
