@@ -86,8 +86,7 @@ class ParameterSet:
         """
         if set(table) == {"name"}:
             if table["name"] not in SET_NAMES:
-                known = " or ".join(SET_NAMES)
-                words = f"no parameter set {table['name']!r}, expected {known}"
+                words = f"no parameter set {table['name']!r}, expected {' or '.join(SET_NAMES)}"
                 raise ParameterError(f"{source}: {words}")
             return _shipped(table["name"])
         try:
