@@ -387,6 +387,3 @@ def _refuse(name: str) -> NoReturn:
         else "`fembridge stimuli` lists them; 'sine', 'diharm', 'noise', 'all' are sets"
     )
     raise StimulusError(f"no stimulus {name!r}; {hint}")
-
-
-# ---- For a reader at a terminal: plain ASCII, so that no pipe stumbles over a Greek letter

@@ -611,7 +611,8 @@ def read_table(source: "Path | pd.DataFrame", columns: Sequence[str] = ()) -> Te
             raise TableError(f"empty, expected a header {','.join(columns)}".strip(), path)
         _check_header(header, columns, path, 1 + above.count("\n"))
         if "#" in text:
-            text = re.sub("^#.*", "," * (len(header) - 1), text, flags=re.MULTILINE)
+            blank = "," * (len(header) - 1) or '""'
+            text = re.sub("^#.*", blank, text, flags=re.MULTILINE)
         cells = pd.read_csv(
             io.StringIO(text, newline=""),
             header=None,

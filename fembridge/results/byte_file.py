@@ -39,16 +39,19 @@ _IS_PLAIN = np.isin(np.arange(256), np.frombuffer(_PLAIN[:-1], np.uint8))
 
 
 class ByteFile(AbstractContextManager["ByteFile"]):
-    """The bytes of `path`, by offset; a context manager that closes it."""
+    """The bytes of `path`, by offset; a context manager that closes it.
+
+    They are in the file `place`: `path` itself, or what it was unpacked to.
+    """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        place = path
+        self.path = self.place = path
         if path.suffix.lower() == ".gz" and path.is_file():
             about = path.stat()
-            place = Path(_unpacked(path, about.st_size, about.st_mtime_ns).name)
+            self._kept = _unpacked(path, about.st_size, about.st_mtime_ns)
+            self.place = Path(self._kept.name)
         try:
-            handle = os.open(place, os.O_RDONLY | os.O_NONBLOCK)
+            handle = os.open(self.place, os.O_RDONLY | os.O_NONBLOCK)
         except FileNotFoundError as error:
             raise ResultError(f"no such file{_near(path)}", path) from error
         except OSError as error:
@@ -159,7 +162,7 @@ def suffix_of(path: Path) -> str:
 
 @lru_cache(maxsize=1)
 def _unpacked(path: Path, size: int, written_ns: int) -> "_TemporaryFileWrapper[bytes]":
-    """The content of a gzip file of `size` bytes; removed when the next takes its place."""
+    """The content of a gzip file of `size` bytes; removed when nothing has it any more."""
     most, done = max(size * _MOST_UNPACKED, _ALWAYS_UNPACKED), 0
     place = NamedTemporaryFile(suffix=suffix_of(path))  # noqa: SIM115 - kept by the cache
     try:

@@ -179,7 +179,7 @@ class ColumnSource(Source):
         values = [names[key] for key in VALUES if key in names]
         asked |= {"time": [time], "value": values}
         try:
-            samples, error_of = samples_in(self.path, asked, named=True)
+            samples, error_of = samples_in(self.file.place, asked, named=True)
         except TableError as error:
             raise ResultError(error.problem, self.path, error.line) from error
         if "node" not in samples:

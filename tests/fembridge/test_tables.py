@@ -125,6 +125,9 @@ def test_a_column_that_is_missing_or_duplicate_is_named(table):
     assert line == 1
     assert "time_ms in 'time,afferent,node,von_mises_pa'" in problem
 
+    _, problem = refusal(read_traces, table("# t v\n0 1\n0.5 2\n"))  # one column and a comment
+    assert "time_ms in '0 1'" in problem
+
     path = table("stimulus,afferent,rate_ips,rate_ips\nsine_20_250,SA,1,2\n")
     line, problem = refusal(read_rates, path)
     assert line == 1

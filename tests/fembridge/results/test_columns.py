@@ -1,5 +1,6 @@
 """Tables and series of any program, whose columns the user names."""
 
+import gzip
 import itertools
 import zipfile
 
@@ -107,6 +108,16 @@ def test_node_and_afferent_are_found_by_their_names_as_encode_finds_them(tmp_pat
         for reader in (read, read_traces)
     ]
     assert whose[0] == whose[1] == {(9, "RA", 1, 2), (7, "SA", 3, 4)}
+
+
+def test_a_packed_table_is_read_as_it_is_and_its_errors_name_it(tmp_path):
+    path = tmp_path / "them.csv.gz"
+    path.write_bytes(gzip.compress(b"t_s,S_mpa\n0,1\n1,2\n"))
+    (trace,) = read(path, columns={"time": "t_s", "value": "S_mpa"})
+    assert_array_equal(trace.stress_pa, [1e6, 2e6])
+    path.write_bytes(gzip.compress(b"t_s,S_mpa\n0,1\n1,x\n"))
+    with pytest.raises(ResultError, match=r"them\.csv\.gz:3: S_mpa is 'x', expected a number"):
+        read(path, columns={"time": "t_s", "value": "S_mpa"})
 
 
 @pytest.mark.parametrize("form", ["value", "tensor", "components"])
