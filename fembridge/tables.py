@@ -297,7 +297,7 @@ def _samples(
         elif key in ("stimulus", "unit"):
             samples[key] = table.column(name)
         else:
-            least, kind = (1, int) if key == "node" else (-math.inf, float)
+            least, kind = (0, int) if key == "node" else (-math.inf, float)
             samples[key] = table.numbers(name, least, kind)
     return samples, table.error
 
@@ -349,7 +349,7 @@ def _plain_samples(
                 return None
             elif key == "node":
                 samples[key] = column.to_numpy(np.int64)
-                if samples[key].min() < 1 or (samples[key] != column).any():
+                if samples[key].min() < 0 or (samples[key] != column).any():
                     return None
             else:
                 samples[key] = column.to_numpy(np.float64)

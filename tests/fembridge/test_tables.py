@@ -80,7 +80,7 @@ def test_rows_of_several_nodes_may_be_mixed_and_columns_in_any_order(table):
         ("inf,SA,4,1\n", 2, "time_ms", "inf"),
         ("0,SA,4,1_000\n", 2, "von_mises_pa", "'1_000'"),
         ("0,SA,4.5,1\n", 2, "node", "'4.5'"),
-        ("0,SA,0,1\n", 2, "node", "0"),
+        ("0,SA,-1,1\n", 2, "node", "-1"),
         ("\n , ,,\n0,SA1,4,1\n", 4, "afferent", "'SA1'"),
         ('"0",SA,4,1\n"0.5",SA,4,soft\n', 3, "von_mises_pa", "'soft'"),
         ("0,SA,4,1\n", 2, "SA node 4", "one sample"),

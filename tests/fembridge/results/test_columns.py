@@ -110,6 +110,15 @@ def test_node_and_afferent_are_found_by_their_names_as_encode_finds_them(tmp_pat
     assert whose[0] == whose[1] == {(9, "RA", 1, 2), (7, "SA", 3, 4)}
 
 
+def test_nodes_that_another_program_numbers_from_0_go_through_to_spikes(tmp_path):
+    path, out = tmp_path / "them.csv", tmp_path / "out.csv"
+    both = [(t, node, s) for node in (0, 1) for t, s in zip(TIMES_S, STRESS_MPA, strict=True)]
+    path.write_text("t,node,S\n" + rows(",", *zip(*both, strict=True)))
+    words = ["--columns", "time=t,value=S", "--node", "all", "-o", str(out)]
+    assert main(["ingest", str(path), *words]) == 0
+    assert [trace.node for trace in read_traces(out)] == [0, 1]
+
+
 def test_a_packed_table_is_read_as_it_is_and_its_errors_name_it(tmp_path):
     path = tmp_path / "them.csv.gz"
     path.write_bytes(gzip.compress(b"t_s,S_mpa\n0,1\n1,2\n"))
