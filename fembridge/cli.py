@@ -153,7 +153,8 @@ def _in_options(error: Exception, parser: argparse.ArgumentParser) -> str:
     words = str(error)
     for word in _options_of(parser):
         name = word.removeprefix("--").replace("-", "_")
-        if isinstance(error, UsageError) or words.startswith(name):  # else the key of a file
+        begins = words.startswith((f"{name} ", f"{name}_s "))  # else the key of a file
+        if isinstance(error, UsageError) or begins:
             words = re.sub(rf"(?<![\w-]){name}(_s)?(?= (is|must be) )", word, words)
     return words
 
