@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output_option(parser, default="runs")
     _add_deck_options(parser.add_argument_group("the deck of our finger"))
     own = parser.add_argument_group("your own model")
-    whose = "a .inp of CalculiX or Abaqus, or a .dat of Marc"
+    whose = "a .inp of CalculiX or Abaqus, or a .dat of Marc; pre-indented only by --preindent-um"
     own.add_argument("--base-deck", metavar="FILE", help=whose)
     _add_own_options(own)
 

@@ -134,8 +134,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "preindent_um": {
         "type": float,
         "metavar": "DEPTH",
-        "help": "depth of the probe before time 0 (default: as in the fit of the parameters; "
-        "of a --base-deck 0)",
+        "help": "depth of the probe before time 0 (default: as in the fit of the parameters)",
     },
     "seed": {"type": int, "help": "draw other noise than the catalogue's (>= 0)"},
     "slide_mm_per_s": {

@@ -42,7 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     place = "file for one stimulus, folder for several (default: current folder)"
     add("-o", "--output", metavar="PATH", help=place)
-    add_options(parser, ("preindent_um", "seed", *WAVE))
+    add_options(parser, ("preindent_um",), help="depth of the probe before time 0 (default: 0)")
+    add_options(parser, ("seed", *WAVE))
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
