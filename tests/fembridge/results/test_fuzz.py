@@ -266,4 +266,4 @@ def test_no_mutation_crashes_hangs_or_makes_up_a_number(kind, block, write_frd, 
             raise AssertionError(f"round {round_}, kept as {keep}") from error
         longest_s = max(longest_s, time.process_time() - begin)
     assert longest_s < LONGEST_S
-    assert seen > rounds / 2  # not all were refused
+    assert seen > rounds / 3  # not all were refused
