@@ -747,6 +747,7 @@ def validate(
     from fembridge.evidence import DISTANCE, MAN, THRESHOLDS, read_evidence
     from fembridge.observed import read_observed
     from fembridge.report import validate as report
+    from fembridge.report.validation_page import PAGE, write_report
     from fembridge.tables import read_spikes
 
     files = {THRESHOLDS: thresholds, MAN: impulses, DISTANCE: distance}
@@ -754,11 +755,11 @@ def validate(
     trains = () if spikes is None else read_spikes(Path(spikes))
     rates = None if observed is None else read_observed(Path(observed), complete=False)
     models = report.judged_models(parameters)
+    if output is not None:
+        check_output(Path(output), PAGE)
     study = report.validate(
         report.response_of(finger, response, models, log), models, rates, log, facts, trains
     )
     if output is not None:
-        from fembridge.report.validation_page import write_report
-
         write_report(Path(output), study, "fembridge validate")
     return study

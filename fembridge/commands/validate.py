@@ -74,6 +74,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from fembridge import api
     from fembridge.report.validation_page import PAGE, write_report
+    from fembridge.store import check_output
 
     notes: list[str] = []
 
@@ -81,8 +82,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         notes.append(line)
         print(line, file=sys.stderr)
 
-    study = api.validate(**{**words_of(args, api.validate), "output": None}, log=log)
     output = Path(args.output)
+    check_output(output, PAGE)
+    study = api.validate(**{**words_of(args, api.validate), "output": None}, log=log)
     files = write_report(output, study, command_line(args))
     rows = _rows(study)
     if not args.json:

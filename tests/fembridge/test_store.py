@@ -217,7 +217,7 @@ def test_an_output_that_cannot_be_written_is_known_before(tmp_path):
         with pytest.raises(OutputError) as caught:
             check_output(folder, *names)
         assert caught.value.path == folder / "/".join(names[-1:])
-    assert names_in(tmp_path) == ["b.csv", "file", "new"]
+    assert names_in(tmp_path) == ["b.csv", "file"]
     assert (tmp_path / "file").read_text() == "mine"
 
 

@@ -66,3 +66,13 @@ def test_what_is_not_there_is_one_line_before_anything_is_computed(
     assert main(["validate", "--parameters", "published", *words]) == code
     assert shown in capsys.readouterr().err
     assert list(here.iterdir()) == []
+
+
+def test_an_output_that_cannot_be_written_is_said_before_anything_is_computed(
+    here, capsys, monkeypatch
+):
+    monkeypatch.setattr("fembridge.report.validate.validate", None)
+    (here / "out").write_text("mine")
+    assert main(["validate", "--parameters", "published", "-o", "out"]) == 1
+    assert capsys.readouterr().err.startswith("fembridge: out: ")
+    assert (here / "out").read_text() == "mine"
