@@ -51,21 +51,23 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from fembridge.plots.field import field_figure
     from fembridge.plots.style import save_figure
-    from fembridge.store import write_text
+    from fembridge.store import filling, write_text
     from fembridge.touching.field import receptive_field
     from fembridge.touching.pad import pad_named
 
     pad = pad_named(args.pad)
     output = Path(args.output)
-    fields = []
-    for name in args.afferent:
-        field = receptive_field(**{**words_of(args, receptive_field), "afferent": name, "pad": pad})
-        fields.append(field)
-        save_figure(field_figure(field), output / f"field_{name}.png")
+    fields = [
+        receptive_field(**{**words_of(args, receptive_field), "afferent": name, "pad": pad})
+        for name in args.afferent
+    ]
     areas = pandas.concat([field.areas for field in fields], ignore_index=True)
     maps = pandas.concat([field.to_frame() for field in fields], ignore_index=True)
-    write_text(output / "areas.csv", areas.to_csv(index=False))
-    write_text(output / "fields.csv", maps.to_csv(index=False))
+    with filling(output, last="areas.csv") as draft:
+        for field in fields:
+            save_figure(field_figure(field), draft / f"field_{field.afferent}.png")
+        write_text(draft / "fields.csv", maps.to_csv(index=False))
+        write_text(draft / "areas.csv", areas.to_csv(index=False))
     thresholds = {field.afferent: field.threshold_um for field in fields}
     if not args.json:
         print(areas.to_string(index=False))
