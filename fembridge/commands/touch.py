@@ -99,7 +99,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Touch; the summary holds the mean rate of each class."""
     import sys
 
+    from fembridge.plots.pad import PICTURES
     from fembridge.recording import Recording, export, require_libraries
+    from fembridge.store import remove_file
     from fembridge.touching.touch import touch
 
     require_libraries(args.export)
@@ -114,16 +116,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if note := result.origin.get("note"):
         print(note, file=sys.stderr)
     output = Path(args.output)
-    files = result.write(output)
+    drawn = {f"{name}.png": draw for name, draw in PICTURES.items()}
+    pictures = {} if args.no_plot else {name: draw(result) for name, draw in drawn.items()}
+    files = result.write(output, pictures)
+    for name in drawn.keys() - pictures.keys():
+        remove_file(output / name)  # of other spikes than those beside it
     if args.export:
         files += export(Recording.of(result), output, args.export)
-    if not args.no_plot:
-        from fembridge.plots.pad import PICTURES
-        from fembridge.plots.style import save_figure
-
-        for picture, draw in PICTURES.items():
-            save_figure(draw(result), output / f"{picture}.png")
-            files.append(f"{picture}.png")
     if args.animate:
         write_movie(output / args.animate, result)
         files.append(args.animate)

@@ -56,6 +56,22 @@ def test_a_picture_of_ones_own_is_scanned(tmp_path, capsys):
     assert not (tmp_path / "out" / "pad.png").exists()
 
 
+def test_files_of_two_touches_never_stand_side_by_side(tmp_path, capsys):
+    words = ("touch", "--hold-ms", 20, "--population", "one_each", "-o", tmp_path)
+    assert run(capsys, *words, "--press-um", 100)[0] == 0
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    (tmp_path / "raster.png").unlink()
+    (tmp_path / "raster.png").mkdir()
+    code, printed = run(capsys, *words, "--press-um", 200)
+    assert code == 1 and "raster.png" in printed.err
+    files = set(before) - {"raster.png"}
+    assert all((tmp_path / name).read_bytes() == before[name] for name in files)
+    (tmp_path / "raster.png").rmdir()
+    assert run(capsys, *words, "--press-um", 200, "--no-plot")[0] == 0
+    assert {path.name for path in tmp_path.iterdir()} == files - {"pad.png"}
+    assert (tmp_path / "touch.csv").read_bytes() != before["touch.csv"]
+
+
 @pytest.mark.parametrize(
     ("words", "named"),
     [
