@@ -89,7 +89,7 @@ def filling(folder: Path, last: str, path: Path | None = None) -> Iterator[Path]
     -----
     Files that stand there already with the same content, all of them, are left
     alone. What else is in `folder` is not touched. The draft is locked, and those that
-    a kill has left are removed.
+    a kill has left are removed. A draft's own draft is itself.
 
     Raises
     ------
@@ -97,6 +97,9 @@ def filling(folder: Path, last: str, path: Path | None = None) -> Iterator[Path]
         `folder` cannot be made or written, or a folder stands where a file is
         wanted. What stood in `folder` before is untouched.
     """
+    if folder.name.startswith(_DRAFT):
+        yield folder
+        return
     path = path or folder
     make_folder(folder)
     try:

@@ -100,9 +100,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     import sys
 
     from fembridge.plots.pad import PICTURES
+    from fembridge.plots.style import save_figure
     from fembridge.recording import Recording, export, require_libraries
-    from fembridge.store import remove_file
-    from fembridge.touching.touch import touch
+    from fembridge.store import filling, remove_file
+    from fembridge.touching.touch import TOUCH_FILE, touch
 
     require_libraries(args.export)
     if args.animate:
@@ -116,11 +117,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if note := result.origin.get("note"):
         print(note, file=sys.stderr)
     output = Path(args.output)
-    drawn = {f"{name}.png": draw for name, draw in PICTURES.items()}
-    pictures = {} if args.no_plot else {name: draw(result) for name, draw in drawn.items()}
-    files = result.write(output, pictures)
-    for name in drawn.keys() - pictures.keys():
-        remove_file(output / name)  # of other spikes than those beside it
+    drawn = {} if args.no_plot else PICTURES
+    with filling(output, last=TOUCH_FILE) as draft:
+        files = result.write(draft)
+        for name, draw in drawn.items():
+            save_figure(draw(result), draft / f"{name}.png")
+            files.append(f"{name}.png")
+    for name in PICTURES.keys() - drawn.keys():
+        remove_file(output / f"{name}.png")  # of other spikes than those beside it
     if args.export:
         files += export(Recording.of(result), output, args.export)
     if args.animate:

@@ -43,7 +43,6 @@ from neural.parameters import Parameters
 
 if TYPE_CHECKING:
     import pandas
-    from matplotlib.figure import Figure
 
 POPULATION_FILE, TOUCH_FILE = "population.csv", "touch.csv"
 SPIKES_FILE, RATES_FILE = "spikes.csv", "rates.csv"
@@ -148,31 +147,21 @@ class Touch:
             }
         return found
 
-    def write(
-        self, folder: Path | str, pictures: "Mapping[str, Figure] | None" = None
-    ) -> list[str]:
-        """Write the tables of ``fembridge touch``, and `pictures` by their names; all names.
-
-        All are replaced or, after an error, none.
+    def write(self, folder: Path | str) -> list[str]:
+        """Write the tables of ``fembridge touch``, all or none; their names.
 
         Raises
         ------
         OutputError
             `folder` cannot be written.
         """
-        from fembridge.plots.style import save_figure
-
-        pictures = pictures or {}
         samples = np.stack([self.way.times_ms, self.depth_um, self.force_n], -1)
         with filling(Path(folder), last=TOUCH_FILE) as draft:
             self.population.write(draft / POPULATION_FILE)
             for name, frame in ((SPIKES_FILE, self.spikes), (RATES_FILE, self.rates)):
                 write_text(draft / name, frame.to_csv(index=False, lineterminator="\n"))
-            columns = ("time_ms", "depth_um", "force_n")
-            write_table(draft / TOUCH_FILE, columns, samples.tolist())
-            for name, figure in pictures.items():
-                save_figure(figure, draft / name)
-        return [POPULATION_FILE, SPIKES_FILE, RATES_FILE, TOUCH_FILE, *pictures]
+            write_table(draft / TOUCH_FILE, ("time_ms", "depth_um", "force_n"), samples.tolist())
+        return [POPULATION_FILE, SPIKES_FILE, RATES_FILE, TOUCH_FILE]
 
 
 def touch(
