@@ -47,12 +47,6 @@ def test_simulate_gives_what_the_command_writes(tmp_path):
         assert written == (tmp_path / "out" / name).read_bytes()
 
 
-def test_a_waveform_of_ones_own_goes_beside_those_of_the_catalogue():
-    own = fb.Stimulus("mine", [0.0, 50.0, 100.0, *[0.0] * 498], 0.5, (0.0, 250.0))
-    result = fb.simulate([own, "sine_20_250"], stored=True, parameters="published")
-    assert {one.id for one in result.stimuli} == {"mine", "sine_20_250"}
-
-
 @pytest.fixture(scope="module")
 def two():
     return fb.simulate(["sine_20_250", "sine_50_250"], stored=True)

@@ -1,6 +1,5 @@
 """build-deck, run, ingest and encode, without options, against simulate."""
 
-import json
 import shutil
 import tomllib
 from pathlib import Path
@@ -229,10 +228,3 @@ def test_a_run_keeps_the_equations_that_its_set_was_fitted_with(here):
     for source in (traces, "out"):
         with pytest.raises(ParameterError, match="SA: fitted with another equation"):
             fb.encode(source)
-
-
-def test_the_summary_of_a_simulation_names_another_finger(capsys):
-    words = ["--stimulus", "sine_20_250", "--finger", "paper", "--stored", "--no-plot", "--json"]
-    assert main(["simulate", *words]) == 0
-    notes = json.loads(capsys.readouterr().out)["notes"]
-    assert "parameters fitted were fitted on finger 'quick' (here: paper)" in notes

@@ -243,15 +243,6 @@ def test_another_mesh_is_looked_through_again_and_told(export, tmp_path):
     assert_allclose(trace.stress_pa, 1e6 * np.array(expected_mpa), rtol=1e-8)
 
 
-def test_without_py_post_it_says_how_to_run_it(script, tmp_path):
-    (tmp_path / "py_post.py").unlink()
-    (tmp_path / "job.t16").touch()
-    ran = process(script, "job.t16", "--list")
-    assert ran.returncode == 1
-    assert "py_post cannot be imported by this Python" in ran.stderr
-    assert "Run this file with the Python that came with Mentat" in ran.stderr
-
-
 def test_py_post_is_found_under_the_folder_of_mentat(export, tmp_path):
     shared = tmp_path / "mentat" / "shlib" / "win64"
     shared.mkdir(parents=True)

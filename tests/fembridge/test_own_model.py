@@ -84,6 +84,10 @@ def test_the_verb_tells_what_it_changed_and_its_summary_lists_it(here, capsys):
         (["--amplitude", "NONE"], "mine.inp"),
         (["--afferent", "SA=999999"], "999999"),
         (["--results", "both"], "expected binary or text"),
+        (["--afferent", "SA"], "expected NAME=NODE"),
+        (["--afferent", "SA=-1"], "expected NAME=NODE"),
+        (["--afferent", "XX=3"], "'XX', expected one of SA, RA, PC"),
+        (["--afferent", "sa=3"], "'sa', expected one of SA, RA, PC"),
     ],
 )
 def test_what_makes_no_sense_is_one_line(here, capsys, more, said):
@@ -91,19 +95,6 @@ def test_what_makes_no_sense_is_one_line(here, capsys, more, said):
     err = capsys.readouterr().err
     assert said in err
     assert len(err.splitlines()) == 1
-    assert not (here / "runs").exists()
-
-
-@pytest.mark.parametrize("word", ["SA", "SA=x", "=3", "SA=-1"])
-def test_an_afferent_is_a_name_and_a_node(here, word, capsys):
-    assert main(words("--base-deck", "mine.inp", "--afferent", word)) == 2
-    assert "expected NAME=NODE" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("name", ["XX", "sa"])
-def test_an_afferent_that_encode_would_not_take_is_refused_before_the_run(here, name, capsys):
-    assert main(words("--base-deck", "mine.inp", "--afferent", f"{name}=3")) == 2
-    assert f"'{name}', expected one of SA, RA, PC" in capsys.readouterr().err
     assert not (here / "runs").exists()
 
 

@@ -67,16 +67,6 @@ def test_a_folder_without_one_is_no_run_folder(tmp_path):
     assert caught.value.path == tmp_path
 
 
-@pytest.mark.parametrize(
-    "content", [b"solver = ", b"\xff\xfe\x00", b"a = " + b"[" * 100_000, b"format = 1\nformat = 1"]
-)
-def test_what_is_not_toml_is_refused(tmp_path, content):
-    (tmp_path / "run.toml").write_bytes(content)
-    with pytest.raises(ResultError) as caught:
-        read_run_folder(tmp_path)
-    assert caught.value.path == tmp_path / "run.toml"
-
-
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.99])
 def test_a_file_cut_before_its_inputs_is_refused(tmp_path, share):
     """Also between two afferents, where it is TOML and lacks one of them."""

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
 
 from decks.analysis import Contact
 from decks.dialects import JOB
@@ -17,7 +16,6 @@ from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge import simulation as module
 from fembridge.errors import ResponseError, SolverError, UsageError
-from fembridge.machine import SOLVER_INSTALL_LINE
 from fembridge.response.indentation import LADDER, FrictionSlipError
 from fembridge.response.response_map import FOLDER, read_map
 from fembridge.run_folder import read_run_folder
@@ -26,7 +24,6 @@ from fembridge.solver import ccx as ccx_module
 from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause, Failure, Outcome
 from fembridge.trace import StressTrace
-from neural import PUBLISHED
 
 RECORDED = Path(__file__).parents[2] / "fixtures" / "response_quick"
 
@@ -41,11 +38,6 @@ ONE, TWO = stimuli_of("sine_20_250"), stimuli_of("sine_20_12.5,sine_20_250")
 @pytest.fixture(scope="module")
 def model():
     return model_of(PRESETS["quick"])
-
-
-@pytest.fixture
-def no_ccx(monkeypatch):
-    monkeypatch.setattr(module, "find_ccx", lambda: None)
 
 
 @pytest.fixture
@@ -130,26 +122,6 @@ def soft(model):
     dermis = replace(model.finger.materials["dermis"], prony=(PronyTerm(0.4, 0.02),))
     materials = {**model.finger.materials, "dermis": dermis}
     return replace(model, finger=replace(model.finger, materials=materials))
-
-
-def test_without_a_solver_the_stored_response_answers(tmp_path, model, no_ccx, lines):
-    stimuli = stimuli_of("noise_25_250")
-
-    found = simulate(stimuli, model, tmp_path / "out", log=lines.append)
-
-    [line] = lines
-    assert line.startswith("no ccx on the PATH: stored response of finger 'quick'")
-    assert line.endswith(SOLVER_INSTALL_LINE)
-    response = read_map(FOLDER / "quick.toml")
-    for stimulus, row in zip(stimuli, found.traces, strict=True):
-        for trace, expected in zip(row, response.traces(stimulus), strict=True):
-            assert_array_equal(trace.stress_pa, expected.stress_pa)
-    assert not (tmp_path / "out").exists()
-    origin = found.origin
-    assert (origin["source"], origin["method"]) == ("stored response", "map")
-    assert origin["response"]["finger"]["name"] == "quick"
-    assert origin["parameters"]["SA"]["tau_ms"] == PUBLISHED["SA"].tau_ms
-    assert origin["closure_percent"] == 1e-6
 
 
 def test_a_stored_response_can_be_asked_for_where_a_solver_is(tmp_path, model, ccx, lines):

@@ -146,15 +146,6 @@ def test_json_is_all_that_stdout_holds_and_the_record_names_the_source(here, cap
     assert record["stimuli"]["noise_25_250_10"]["seed"] == 7
 
 
-def test_the_whole_catalogue_is_answered_at_once(here, capsys):
-    assert main(["simulate", "--stimulus", "all", "-o", "out", "--no-plot"]) == 0
-
-    rates = read_rates(here / "out/rates.csv")
-    assert len(rates) == 82 * 3
-    assert len({rate.stimulus for rate in rates}) == 82
-    assert capsys.readouterr().out.splitlines()[-2] == "... 52 more in rates.csv"
-
-
 def test_without_a_plot_an_older_one_does_not_stay_beside_other_spikes(result, capsys):
     main(["simulate", "--stimulus", "sine_20_250", "-o", "out", "--no-plot"])
 
@@ -185,24 +176,6 @@ def refused(capsys, *words):
 @pytest.mark.parametrize(
     ("words", "found"),
     [
-        (["--stimulus", "nois_25_250"], "did you mean noise_25_250"),
-        (["--preindent-um", "nan"], "--preindent-um must be from 0 to 10000, got nan"),
-        (["--seed", "-1"], "seed is -1, expected 0 or more"),
-        (["--jobs", "0"], "jobs is 0"),
-        (["--time-limit", "nan"], "--time-limit is nan, expected more than 0"),
-        (["--probe-x-mm", "nan"], "probe: x_mm must be finite, got nan"),
-        (["--stored", "--method", "transient"], "a stored response answers no"),
-    ],
-)
-def test_a_number_without_meaning_is_misuse_and_nothing_is_written(here, capsys, words, found):
-    code, line = refused(capsys, "--stimulus", "sine_20_250", "-o", "out", *words)
-    assert (code, found in line) == (2, True), line
-    assert not (here / "out").exists()
-
-
-@pytest.mark.parametrize(
-    ("words", "found"),
-    [
         (["--preindent-um", "900"], "sine_20_250 goes 1150 um deep, the stored response"),
         (["--method", "transient"], "--method transient: that takes a solver"),
         (["--finger", "soft.toml"], "no response is stored for finger 'soft'"),
@@ -218,41 +191,6 @@ def test_what_takes_a_solver_ends_in_the_line_that_installs_one(here, capsys, wo
     assert found in line
     assert line.endswith(SOLVER_INSTALL_LINE)
     assert not (here / "out").exists()
-
-
-@pytest.mark.parametrize(
-    ("option", "word", "expected", "found"),
-    [
-        ("--finger", "absent.toml", 2, "absent.toml"),
-        ("--parameters", "absent.toml", 2, "absent.toml: "),
-        ("--parameters", "wrong.toml", 1, "wrong.toml: SA: unknown key 'tau'"),
-        ("--parameters", "never.toml", 1, "never.toml: "),
-    ],
-)
-def test_a_file_that_is_wrong_is_named(here, capsys, option, word, expected, found):
-    (here / "wrong.toml").write_text("base = 'fitted'\n[SA]\ntau = 3.0\n", encoding="utf-8")
-    (here / "never.toml").write_text("[SA\n", encoding="utf-8")
-    code, line = refused(capsys, "--stimulus", "sine_20_250", "-o", "out", option, word)
-    assert (code, found in line) == (expected, True), line
-    assert not (here / "out").exists()
-
-
-def test_a_solver_that_is_asked_for_and_not_there_is_said(here, capsys, monkeypatch):
-    monkeypatch.setenv(CCX_VARIABLE, "/opt/ccx")
-    code, line = refused(capsys, "--stimulus", "sine_20_250")
-    assert code == 1
-    assert line == "FEMBRIDGE_CCX is '/opt/ccx', which is no program here"
-
-
-@pytest.mark.parametrize("output", ["file", "file/deeper"])
-def test_an_output_that_is_a_file_is_said_and_stays(here, capsys, output):
-    (here / "file").write_text("mine")
-
-    assert main(["simulate", "--stimulus", "sine_20_250", "-o", output]) == 1
-
-    last = capsys.readouterr().err.splitlines()[-1]
-    assert last == "fembridge: file: a file stands where a folder is wanted"
-    assert (here / "file").read_text() == "mine"
 
 
 def test_an_earlier_result_survives_a_picture_that_cannot_be_drawn(

@@ -1,20 +1,22 @@
-"""What a simulation gives: spikes of the stress it was given, and its files."""
+"""What a simulation gives: spikes of the stress it was given, its files, and those found again."""
 
 import dataclasses
-import tomllib
+import shutil
+from pathlib import Path
 
 import numpy as np
-import pandas
 import pytest
 from numpy.testing import assert_array_equal
 
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
-from fembridge.errors import OutputError, ParameterError, TraceError
-from fembridge.simulation import encode_all
-from fembridge.tables import read_rates, read_spikes
+from fembridge.errors import OutputError, ParameterError, ResultError, TraceError, UsageError
+from fembridge.simulation import encode_all, find_file, stimuli_in
+from fembridge.tables import read_spikes
 from fembridge.trace import StressTrace
-from neural import PUBLISHED, encode
+from neural import PUBLISHED, encode, parameter_set
+
+RUN = Path(__file__).parents[2] / "fixtures" / "transient_sine"
 
 GAIN_PA_PER_UM = {"SA": 120.0, "RA": 75.0, "PC": 4.0}
 FILES = ["rates.csv", "simulation.toml", "spikes.csv", "traces.npz"]
@@ -50,13 +52,6 @@ def test_spikes_are_those_of_each_trace_alone(simulation):
     assert sum(train.times_ms.size for train in simulation.trains) > 50
 
 
-def test_rates_count_the_spikes_of_the_stimulus_s_own_window(simulation):
-    for train, rate in zip(simulation.trains, simulation.mean_rates, strict=True):
-        inside = (train.times_ms > 5.0) & (train.times_ms <= 250.0)
-        assert (rate.stimulus, rate.afferent) == (train.stimulus, train.afferent)
-        assert rate.rate_ips == pytest.approx(inside.sum() / 0.245, rel=1e-12)
-
-
 def test_windows_may_differ_from_stimulus_to_stimulus():
     stimuli = [make_stimulus(e) for e in resolve(["sine_20_250,sine_100_85.98"])]
     assert [s.window_ms for s in stimuli] == [(5.0, 250.0), (100.0, 200.0)]
@@ -83,38 +78,6 @@ def test_the_finger_of_an_earlier_simulation_goes_and_one_of_ones_own_stays(
     simulation.write(tmp_path)  # no response, no finger
 
     assert (tmp_path / "finger.toml").exists() == mine
-
-
-def test_the_files_hold_the_simulation(tmp_path, simulation):
-    simulation.write(tmp_path / "out")
-
-    folder = tmp_path / "out"
-    assert sorted(path.name for path in folder.iterdir()) == FILES
-    assert read_rates(folder / "rates.csv") == list(simulation.mean_rates)
-    spiking = [train for train in simulation.trains if train.times_ms.size]
-    for read, train in zip(read_spikes(folder / "spikes.csv"), spiking, strict=True):
-        assert (read.stimulus, read.afferent) == (train.stimulus, train.afferent)
-        assert_array_equal(read.times_ms, train.times_ms)
-    with np.load(folder / "traces.npz", allow_pickle=False) as bulk:
-        assert bulk["stimulus"].tolist() == [stimulus.id for stimulus in STIMULI]
-        assert bulk["afferent"].tolist() == ["SA", "RA", "PC"]
-        assert bulk["dt_ms"] == 0.5
-        assert bulk["displacement_um"].shape == (2, 501)
-        assert bulk["von_mises_pa"].shape == (2, 501, 3)
-        for s, row in enumerate(simulation.traces):
-            assert_array_equal(bulk["displacement_um"][s], STIMULI[s].displacement_um)
-            for a, trace in enumerate(row):
-                assert_array_equal(bulk["von_mises_pa"][s, :, a], trace.stress_pa)
-
-
-def test_the_record_tells_origin_windows_and_the_noise_s_seed(tmp_path, simulation):
-    simulation.write(tmp_path)
-
-    record = tomllib.loads((tmp_path / "simulation.toml").read_text(encoding="utf-8"))
-    assert record["method"] == "map"
-    noise = record["stimuli"]["noise_25_250_20"]
-    assert noise["seed"] == STIMULI[1].origin["seed"]
-    assert noise["window_ms"] == [5.0, 250.0]
 
 
 @pytest.mark.parametrize("blocked", FILES)
@@ -160,7 +123,85 @@ def test_a_clock_with_the_rounding_of_a_solver_is_the_same_clock(simulation):
     assert_array_equal(found.trains[-1].times_ms, simulation.trains[-1].times_ms)
 
 
-def test_rates_and_spikes_as_tables_are_those_of_the_files(tmp_path, simulation):
-    simulation.write(tmp_path)
-    for frame, name in ((simulation.rates, "rates.csv"), (simulation.spikes, "spikes.csv")):
-        pandas.testing.assert_frame_equal(frame, pandas.read_csv(tmp_path / name))
+@pytest.fixture(scope="module")
+def indented():
+    """Two stimuli of a probe that was 75 um deep, one too weak for any spike."""
+    chosen = parameter_set("fitted").parameters
+    stimuli = [make_stimulus(one, 75.0) for one in resolve("sine_20_250,sine_20_6.71")]
+    cells = {name: {"cells": one.cells} for name, one in chosen.items()}
+    return encode_all(stimuli, traces_of(stimuli), chosen, {"parameters": cells})
+
+
+@pytest.fixture
+def out(tmp_path, indented):
+    indented.write(tmp_path / "out")
+    return tmp_path / "out"
+
+
+def test_a_simulation_comes_back_with_the_probe_as_it_was(out, indented):
+    written = stimuli_in(out)
+
+    assert [one.id for one in written.stimuli] == ["sine_20_250", "sine_20_6.71"]
+    for read, made in zip(written.stimuli, indented.stimuli, strict=True):
+        assert_array_equal(read.displacement_um, made.displacement_um)
+        assert (read.preindent_um, read.window_ms) == (75.0, made.window_ms)
+        assert read.displacement_um[0] == 75.0
+    for read, made in zip(written.traces, indented.traces, strict=True):
+        assert [trace.afferent for trace in read] == ["SA", "RA", "PC"]
+        for one, other in zip(read, made, strict=True):
+            assert_array_equal(one.stress_pa, other.stress_pa)
+    assert written.cells == {"SA": 10, "RA": 10, "PC": 10}
+
+
+def test_cells_that_are_in_no_row_of_the_table_come_back_silent(out, indented):
+    def keys(trains):
+        return sorted((t.stimulus, t.afferent, t.repeat, t.times_ms.size) for t in trains)
+
+    tabled = read_spikes(out / "spikes.csv")
+
+    assert len(tabled) < len(indented.trains)
+    assert keys(stimuli_in(out).with_silent(tabled)) == keys(indented.trains)
+
+
+def test_a_run_folder_has_its_own_waveform():
+    [stimulus] = stimuli_in(RUN).stimuli
+
+    assert stimulus.id == "sine_50_250_first_60_ms"
+    assert (stimulus.dt_ms, stimulus.displacement_um.max()) == (0.5, 250.0)
+
+
+def test_any_other_folder_has_none(tmp_path):
+    assert stimuli_in(tmp_path) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "share"),
+    [("traces.npz", 0.0), ("traces.npz", 0.5), ("traces.npz", 0.99), ("simulation.toml", 0.2)],
+)
+def test_a_cut_file_is_named(out, name, share):
+    path = out / name
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(ResultError) as caught:
+        stimuli_in(out)
+    assert caught.value.path == path
+
+
+def test_a_file_is_itself_and_a_folder_has_the_first_name_that_is_there(out):
+    assert find_file(out / "spikes.csv", ("rates.csv",), "") == out / "spikes.csv"
+    assert find_file(out, ("nothing.csv", "rates.csv"), "") == out / "rates.csv"
+
+
+def test_the_only_one_below_is_taken_and_of_more_all_are_named(out):
+    assert find_file(out.parent, ("rates.csv",), "") == out / "rates.csv"
+    shutil.copytree(out, out.parent / "again")
+    with pytest.raises(UsageError) as caught:
+        find_file(out.parent, ("rates.csv",), "")
+    assert str(out / "rates.csv") in str(caught.value)
+    assert str(out.parent / "again" / "rates.csv") in str(caught.value)
+
+
+def test_none_anywhere_says_what_makes_one(tmp_path):
+    with pytest.raises(ResultError, match=r"rates\.csv.*simulate leaves it") as caught:
+        find_file(tmp_path, ("rates.csv",), "simulate leaves it")
+    assert caught.value.path == tmp_path

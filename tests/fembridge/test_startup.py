@@ -11,6 +11,7 @@ import pytest
 import fembridge
 
 ROOT = Path(fembridge.__file__).parents[1]
+FRD = ROOT / "fixtures/frd_samples/cpe4_ascii.frd"
 HEAVY = {"pandas", "scipy", "pymoo", "gmsh", "pygmsh", "meshio", "matplotlib", "rich"}
 
 
@@ -43,6 +44,7 @@ def test_import_loads_numpy_and_nothing_heavier(tmp_path):
         "fembridge.Stimulus, fembridge.StressTrace",
         "fembridge.make_stimulus(*fembridge.resolve('noise_5_25_1'))",
         "import fembridge.stimulus_file, fembridge.machine",
+        f"fembridge.read({str(FRD)!r}, [11])",
     ]
     assert_not_loaded(HEAVY, steps, tmp_path)
 

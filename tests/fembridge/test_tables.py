@@ -172,23 +172,6 @@ def test_spikes_in_any_order_come_back_rising_but_not_doubled(table):
     assert refusal(read_spikes, table(header + "s,SA,-1,9\n"))[0] == 2
 
 
-@pytest.mark.parametrize(
-    ("rows", "line", "found"),
-    [
-        ("s,SA,-3\n", 2, "rate_ips is -3"),
-        ("s,SA,nan\n", 2, "rate_ips is nan"),
-        ("s,,3\n", 2, "afferent is ''"),
-        (",SA,3\n", 2, "stimulus is empty"),
-        ("s,SA,3\ns,RA,3\ns,SA,3\n", 4, "duplicate of line 2"),
-    ],
-)
-def test_a_row_that_is_no_rate_is_named(table, rows, line, found):
-    named, problem = refusal(read_rates, table("stimulus,afferent,rate_ips\n" + rows))
-
-    assert named == line
-    assert found in problem
-
-
 @pytest.mark.parametrize("times_ms", [[2.0, 1.0], [1.0, 1.0], [np.nan], [[1.0]]])
 def test_a_train_that_cannot_be_is_refused(times_ms):
     with pytest.raises(TraceError):

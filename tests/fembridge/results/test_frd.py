@@ -95,15 +95,6 @@ def test_a_missing_node_is_named_with_its_neighbours():
         read_values(SAMPLES / "cpe4_bin_f32.frd", [11, 48])
 
 
-def test_a_description_tells_format_mesh_quantities_and_damage():
-    held = describe(SAMPLES / "cpe4_2step_mixed.frd")
-    stress = next(q for q in held["quantities"] if q["name"] == "STRESS")
-    assert (held["mesh_nodes"], held["elements"], held["problem"]) == (47, 30, None)
-    assert (stress["increments"], stress["nodes"], stress["last_ms"]) == (6, 47, 3.0)
-    assert "EPI" in held["materials"].values()
-    assert "9999" in describe(SAMPLES / "cpe4_incmax.frd")["problem"]
-
-
 AS_IS = ReadOptions(stress_unit="Pa")
 PRINTED = "{:12.5E}".format
 IDS = st.lists(st.integers(1, 99_999), min_size=1, max_size=40)
@@ -281,15 +272,6 @@ def test_a_value_that_is_no_number_is_named_by_node_and_time(block, write_frd, f
     options = ReadOptions(partial=True, log=logged.append)
     assert read_values(path, [4], options)[0].tolist() == [0.5]
     assert logged[0].startswith("dropped step 1, increment 2: node 4 at 1 ms")
-
-
-def test_times_that_go_back_are_no_trace(block, write_frd):
-    blocks = [
-        block("STRESS", k, time_s, [(1, [1.0] * 6)])
-        for k, time_s in ((1, 1e-3), (2, 3e-3), (3, 2e-3))
-    ]
-    with pytest.raises(ResultError, match="2 ms comes after 3 ms"):
-        read(write_frd(blocks), [1])
 
 
 HOLE_BYTES = 2 << 30  # of a sparse file: no disk is used

@@ -11,7 +11,6 @@ from scipy.interpolate import PchipInterpolator
 
 import fembridge as fb
 from fembridge.errors import ResultError, UsageError
-from fembridge.results.result import open_result
 from fembridge.results.stress import von_mises_pa
 
 TENSOR = (0.003, -0.001, 0.002, 0.0005, -0.0002, 0.0001)
@@ -61,26 +60,6 @@ def test_it_is_the_tensor_that_is_resampled(write_frd, block):
     assert_allclose(greatest["max_shear_pa"], np.abs(shear_pa), atol=1e-9)
     mean = fb.read_history(path, [1], quantity="mean-stress", resample_ms=10.0)
     assert_allclose(mean["mean_stress_pa"], 0, atol=1e-9)
-
-
-def test_a_coarser_step_says_how_much_power_folds(write_frd, block):
-    """200 Hz beside a tenth of its amplitude at 10 Hz, sampled every ms, then every 5 ms."""
-    times_s = np.arange(1, 201) * 1e-3
-    shear = np.sin(400 * np.pi * times_s) + 0.1 * np.sin(20 * np.pi * times_s)
-    rows = zip(times_s, shear, strict=True)
-    path = write_frd(
-        [
-            block("STRESS", k, t, [(1, (0, 0, 0, one, 0, 0))], flag=3)
-            for k, (t, one) in enumerate(rows, start=1)
-        ]
-    )
-    lines = []
-    with open_result(path, log=lines.append) as result:
-        result.history([1], resample_ms=5.0)
-        assert [line for line in lines if "99 % of its power is above 100 Hz: filter" in line]
-        lines.clear()
-        result.history([1], resample_ms=0.5)
-    assert not [line for line in lines if "power" in line]
 
 
 @pytest.mark.parametrize("times_s", [(0.25,), (0.1, 0.2, 0.25), (0.1, 0.2, 0.2)])
