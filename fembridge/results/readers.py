@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib import import_module
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -76,7 +75,7 @@ _COLUMNS = "fembridge.results.columns:ColumnSource"
 _ABAQUS_MARKS = (b"1\n", b"1\r\n", b"1 ", b"\n   THE FOLLOWING", b"\r\n   THE FOLLOWING")
 _XML_STARTS = (b"<?xml", b"<VTKFile", b"<Xdmf", b"<!DOCTYPE")
 READERS = (
-    Reader("ccx-frd", ".frd", b"    1C", "fembridge.results.frd_source:FrdSource"),
+    Reader("ccx-frd", ".frd", b"    1C", "fembridge.results.frd:FrdSource"),
     Reader("marc-t16", ".t16", _T16_STARTS, _MARC, points=True),
     Reader("marc-t19", ".t19", b"=beg=", _MARC, points=True),
     Reader("mentat-plot", ".txt", b"", "fembridge.results.mentat:PlotSource"),
@@ -129,7 +128,10 @@ def reader_of(file: ByteFile) -> Reader:
     start, suffix = file.peek(0, _FIRST_BYTES), suffix_of(file.path)
     if not start:
         raise ResultError("empty: 0 bytes", file.path)
-    for reader in chain(READERS, _plugged(file.path)):
+    for reader in READERS:
+        if suffix == reader.suffix and reader.takes(start):
+            return reader
+    for reader in _plugged(file.path):
         if suffix == reader.suffix and reader.takes(start):
             return reader
     raise ResultError(_foreign(file.path, start), file.path)

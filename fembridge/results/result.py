@@ -8,7 +8,7 @@ result file has no sample of the start itself.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     import pandas
 
 
+@dataclass(eq=False)
 class Result(AbstractContextManager["Result"]):
     """A result file at `path`, read with `options`; a context manager that closes it.
 
@@ -41,25 +42,20 @@ class Result(AbstractContextManager["Result"]):
     that the file's heading names.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        options: ReadOptions,
-        run: RunFolder | None = None,
-        trouble: ResultError | None = None,
-        from_heading: Sequence[str] = (),
-    ) -> None:
-        self.path, self.options, self.run, self.trouble = path, options, run, trouble
-        self._from_heading = from_heading
+    path: Path
+    options: ReadOptions
+    run: RunFolder | None = None
+    trouble: ResultError | None = None
+    from_heading: Sequence[str] = ()
 
     @cached_property
     def source(self) -> Source:
         """The open file."""
         source = open_source(self.path, self.options)
-        stated = source.unit_system() if self._from_heading else None
+        stated = source.unit_system() if self.from_heading else None
         if stated is not None:
             self.options.note(f"the heading names the unit system {stated}")
-            units = {name: getattr(stated, name) for name in self._from_heading}
+            units = {name: getattr(stated, name) for name in self.from_heading}
             self.options = source.options = replace(self.options, **units)
         return source
 

@@ -79,7 +79,7 @@ def plug(monkeypatch, value):
 
 
 def test_another_package_adds_a_reader_under_the_entry_point(tmp_path, monkeypatch, samples):
-    theirs = Reader("theirs", ".zzz", b"ZZZ", "fembridge.results.frd_source:FrdSource")
+    theirs = Reader("theirs", ".zzz", b"ZZZ", "fembridge.results.frd:FrdSource")
     monkeypatch.setattr("fembridge.results.THEIRS", theirs, raising=False)
     plug(monkeypatch, "fembridge.results:THEIRS")
     path = tmp_path / "run.zzz"
@@ -87,7 +87,7 @@ def test_another_package_adds_a_reader_under_the_entry_point(tmp_path, monkeypat
     with ByteFile(path) as file:
         assert reader_of(file) is theirs
     with pytest.raises(ResultError):
-        describe(path)
+        read(path, [1])
 
 
 @pytest.mark.parametrize(
