@@ -115,8 +115,7 @@ class Simulation:
         """Firing rates: ``stimulus``, ``afferent``, ``rate_ips``, a row a rate."""
         import pandas
 
-        rows = [(rate.stimulus, rate.afferent, rate.rate_ips) for rate in self.mean_rates]
-        return pandas.DataFrame(rows, columns=["stimulus", "afferent", "rate_ips"])
+        return pandas.DataFrame(list(self.mean_rates), columns=["stimulus", "afferent", "rate_ips"])
 
     @property
     def spikes(self) -> "pandas.DataFrame":
@@ -173,7 +172,7 @@ class Simulation:
         folder = Path(folder)
         is_left_over = not has_file and has_finger(folder)
         if has_file:
-            check_finger(folder)
+            check_finger(folder, finger)
         with filling(folder, last=RECORD_FILE) as draft:
             with replacing(draft / TRACES_FILE) as path, path.open("wb") as file:
                 np.savez(
@@ -203,10 +202,17 @@ class Simulation:
             remove_file(folder / FINGER_FILE)
 
 
-def check_finger(folder: Path) -> None:
-    """Refuse to write over a ``finger.toml`` that is not as a simulation left it in `folder`."""
+def check_finger(folder: Path, finger: Mapping[str, Any]) -> None:
+    """Refuse to write `finger` over another ``finger.toml`` than the simulation in `folder` left.
+
+    Versions that kept no checksum left it as this one writes it.
+    """
+    import tomli_w
+
     path = folder / FINGER_FILE
-    if path.is_file() and not has_finger(folder):
+    if not path.is_file() or has_finger(folder):
+        return
+    if path.read_bytes() != tomli_w.dumps(finger).encode():
         raise OutputError(
             "a finger of your own, or edited since, which that of this run would replace: choose "
             "another -o, or rename it",
@@ -500,19 +506,12 @@ def spikes_frame(trains: Sequence[SpikeTrain]) -> "pandas.DataFrame":
     """
     import pandas
 
-    counts = [train.times_ms.size for train in trains]
     *whose, _ = with_unit(SPIKE_COLUMNS, any(train.unit for train in trains))
-    columns: dict[str, Any] = {
-        name: np.repeat(
-            np.array(
-                [getattr(one, name) for one in trains], np.int64 if name == "repeat" else object
-            ),
-            counts,
-        )
-        for name in whose
-    }
-    times_ms = [train.times_ms for train in trains]
-    return pandas.DataFrame(columns | {"spike_time_ms": np.concatenate([np.zeros(0), *times_ms])})
+    rows = [[getattr(train, name) for name in whose] for train in trains]
+    frame = pandas.DataFrame(rows, columns=whose).astype({"repeat": np.int64})
+    frame = frame.loc[frame.index.repeat([train.times_ms.size for train in trains])]
+    times_ms = np.concatenate([np.zeros(0), *(train.times_ms for train in trains)])
+    return frame.reset_index(drop=True).assign(spike_time_ms=times_ms)
 
 
 def _possible(method: str, reason: str | None, parameters: Parameters, log: Log) -> str:

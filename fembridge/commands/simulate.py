@@ -57,6 +57,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Simulate; the summary holds the rates."""
     from pathlib import Path
 
+    from decks.presets import finger_table, read_finger
     from fembridge.api import simulate
     from fembridge.recording import Recording, export, require_libraries
     from fembridge.simulation import (
@@ -70,7 +71,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     require_libraries(args.export)
     output = Path(args.output)
-    check_finger(output)
+    # A map is of the finger as it is at once.
+    check_finger(output, finger_table(read_finger(args.finger).at_once()))
     notes: list[str] = []
 
     def note(line: str) -> None:

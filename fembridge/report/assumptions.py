@@ -131,9 +131,10 @@ def _try(runs: Runs, model: Model, stimulus: Stimulus) -> tuple[dict[str, Any], 
     else:
         found = read_indented(attempt, model, stimulus)
         peak_pa = found.stress_pa[found.depth_um.argmax()]
-        judged = judge(found.depth_um, found.stress_pa, found.force_n_per_mm, found.apex_um)
-        closure_percent = float(judged.closure_percent)
-        verdict = "accepted" if judged.problem is None else "does not come back"
+        closure_percent, refusal = judge(
+            found.depth_um, found.stress_pa, found.force_n_per_mm, found.apex_um
+        )
+        verdict = "accepted" if refusal is None else "does not come back"
     stick = f", stick {contact.stick_share:g}" if contact.stick_share != _STICK_SHARE else ""
     return {
         "model": f"{model.element}, {contact}",

@@ -243,8 +243,7 @@ def solve_response(
                     found.closure_percent,
                     attempt.contact,
                 )
-        problem = str(found).removeprefix(f"{folder / f'contact_{number}'}: ")
-        left.append(f"{attempt}: {problem}")
+        left.append(f"{attempt}: {found}")
         log(f"left {left[-1]}")
     write_text(folder / ATTEMPTS_FILE, "\n".join(left) + "\n")
     raise ResponseError(
@@ -318,28 +317,18 @@ def depth_for(needed_um: float) -> float:
     return next(depth_um for depth_um in depths_um if needed_um <= depth_um)
 
 
-class Acceptance(NamedTuple):
-    """What a load-unload run showed; `problem` is None where it is accepted.
-
-    `closure_percent` is the largest difference between unloading and loading at
-    the same depth, in percent of the loading stress there, over all afferents; NaN
-    where nothing could be compared. With `hysteresis` the problem is that unloading
-    differs from loading, and no other.
-    """
-
-    closure_percent: float
-    problem: str | None
-    hysteresis: bool = False
-
-
 def judge(
     depth_um: FloatArray, stress_pa: FloatArray, force_n_per_mm: FloatArray, apex_um: FloatArray
-) -> Acceptance:
-    """Judge a run that loads to its deepest sample and comes back.
+) -> tuple[float, ResponseError | None]:
+    """Closure of a run that loads to its deepest sample and comes back; why it is not accepted.
 
     `depth_um` ``(T,)`` is the probe's, the rest state first; `stress_pa` ``(T, afferent)``
     is von Mises stress; then the force of the skin on the probe, and how far the skin's
     apex moved in, ``(T,)``.
+
+    The closure is the largest difference between unloading and loading at the same depth,
+    in percent of the loading stress there, over all afferents; NaN where nothing could be
+    compared. Where it alone is too large that is a `HysteresisError`.
     """
     deepest = int(depth_um.argmax())
     deepest_um, moved_um = float(depth_um[deepest]), float(apex_um[deepest])
@@ -353,7 +342,7 @@ def judge(
         with np.errstate(divide="ignore", invalid="ignore"):
             off = np.abs(stress_pa[deepest + 1 :][compared] / loading_pa - 1)
         closure = 100 * float(off.max())
-    problem, hysteresis = None, False
+    problem = ""
     if not (force > 0 and moved_um >= _FOLLOWED_SHARE * deepest_um):
         problem = (
             f"the probe did not push: at {deepest_um:g} um the skin moved "
@@ -366,12 +355,9 @@ def judge(
     elif math.isnan(closure):
         problem = "the run does not come back over depths that it loaded to"
     elif not closure <= CLOSURE_PERCENT:
-        hysteresis = True
-        problem = (
-            f"unloading differs from loading by {closure:.3g} % at the same depth, "
-            f"expected at most {CLOSURE_PERCENT} %"
-        )
-    return Acceptance(closure, problem, hysteresis)
+        words = f"unloading differs from loading by {closure:.3g} % at the same depth"
+        return closure, HysteresisError(f"{words}, expected at most {CLOSURE_PERCENT} %", closure)
+    return closure, ResponseError(problem) if problem else None
 
 
 def recorded_response(folder: Path) -> ResponseMap:
@@ -391,9 +377,8 @@ def measured_response(run: RunFolder, times_ms: FloatArray, depth_um: FloatArray
     HysteresisError, ResponseError
         The contact model is not to be trusted: see `judge`.
     """
-    folder = run.folder
     if not run.afferents:
-        raise ResultError("run.toml names no afferent, expected one or more", folder)
+        raise ResultError("run.toml names no afferent, expected one or more", run.folder)
     nodes = [place.node for place in run.afferents]
     pressed = read_pressed(run, times_ms, [*nodes, run.apex_node])
     tensor_pa = pressed.tensor_pa[:, :-1]
@@ -404,18 +389,18 @@ def measured_response(run: RunFolder, times_ms: FloatArray, depth_um: FloatArray
         )
     tensor_pa[..., IN_PLANE:] = 0.0  # rounding noise
     apex_um = -_UM_PER_MM * pressed.moved_mm[:, -1, 1]
-    accepted = judge(depth_um, von_mises_pa(tensor_pa), pressed.force_n_per_mm, apex_um)
-    if accepted.hysteresis:
-        raise HysteresisError(f"{folder}: {accepted.problem}", accepted.closure_percent)
-    if accepted.problem is not None:
-        raise ResponseError(f"{folder}: {accepted.problem}")
+    closure_percent, refusal = judge(
+        depth_um, von_mises_pa(tensor_pa), pressed.force_n_per_mm, apex_um
+    )
+    if refusal is not None:
+        raise refusal
     loading = slice(0, int(depth_um.argmax()) + 1)
     return ResponseMap(
         depth_um=depth_um[loading],
         tensor_pa=tensor_pa[loading],
         force_n_per_mm=pressed.force_n_per_mm[loading],
         places=run.afferents,
-        closure_percent=round(accepted.closure_percent, 6),
+        closure_percent=round(closure_percent, 6),
         origin={"solver": run.solver, "deck_sha256": run.deck_sha256, **run.inputs},
     )
 

@@ -218,6 +218,14 @@ def test_a_finger_that_was_edited_since_the_run_is_not_written_over(result, caps
     assert contents(result) == edited
 
 
+def test_a_finger_that_an_earlier_version_left_without_its_checksum_is_written_again(result):
+    record = result / "simulation.toml"
+    lines = record.read_text().splitlines(keepends=True)
+    record.write_text("".join(one for one in lines if "finger_file_sha256" not in one))
+    assert main(["simulate", "--stimulus", "sine_20_250", "--stored", "-o", "out"]) == 0
+    assert "finger_file_sha256" in record.read_text()
+
+
 @pytest.mark.parametrize("named", [True, False])
 def test_a_finger_is_not_written_over_by_what_is_solved(tmp_path, capsys, named):
     mine = tmp_path / "finger.toml"
