@@ -18,13 +18,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from decks.analysis import Model
-from decks.dialects import JOB
 from decks.finger import TABLE_1, AfferentSite, Material
 from decks.presets import QUICK, model_of
-from fembridge.report.mesh_convergence import LIMIT_KPA, member
-from fembridge.report.plane import PRINTED, PlaneProblem
+from fembridge.report.plane import PlaneProblem
+from fembridge.report.pressed_finger import LIMIT_KPA, member
 from fembridge.report.study import (
-    DEPTH_UM,
     Check,
     Finding,
     Runs,
@@ -34,9 +32,9 @@ from fembridge.report.study import (
     line,
     panels,
 )
-from fembridge.results.printed import read_point_stress
 from fembridge.results.stress import von_mises_pa
 from fembridge.tables import AFFERENTS
+from fembridge.trace import PA_PER_MPA
 from fembridge.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -53,7 +51,6 @@ FACTORS, FACTORS_QUICK = (None, 1.5), (None,)
 _BOUND_PERCENT = 3.0
 # In the dermis, under the tip of a papilla: no afferent, a place that shows locking.
 _SITES = {"DERMIS": AfferentSite("dermis", 0.125, 0.71)}
-_PA_PER_MPA = 1.0e6
 _CORNERS = 4
 _STEPS = 5
 
@@ -73,11 +70,8 @@ def study(runs: Runs) -> Finding:
             *("mean_stress_percent", "mean_stress_by_point_percent"),
         ],
     )
-    finger = _finger(runs)
-    at = ring[ring.across == all_rows[-1]].set_index(["poisson", "element"])
-    errors = at.von_mises_percent[0.48]
-    largest = finger[finger.elements == finger.elements.max()].set_index("element")
-    dermis = 100 * (largest.dermis / largest.dermis["CPE8R"] - 1)
+    finest = ring[(ring.across == all_rows[-1]) & (ring.poisson == RATIOS[0])]
+    errors = finest.set_index("element").von_mises_percent
     return Finding(
         checks=tuple(
             Check(
@@ -88,19 +82,7 @@ def study(runs: Runs) -> Finding:
             )
             for element in ELEMENTS
         ),
-        tables={"ring": ring, "finger_elements": finger},
-        numbers={
-            "depth_um": DEPTH_UM,
-            "finest": all_rows[-1],
-            "by_point_percent": [
-                float(at.mean_stress_by_point_percent[ratio, "CPE4"]) for ratio in RATIOS
-            ],
-            "by_element_percent": float(at.mean_stress_percent[0.48, "CPE4"]),
-            "von_mises_percent": float(errors["CPE4"]),
-            "elements": int(finger.elements.max()),
-            "dermis_percent": dermis[["CPE4", "CPE4R"]].tolist(),
-            "dearer": float(largest.cpu_s["CPE8R"] / largest.cpu_s["CPE4"]),
-        },
+        tables={"ring": ring, "finger_elements": _finger(runs)},
         figure=_figure(ring),
     )
 
@@ -127,9 +109,7 @@ def _ring_errors(runs: Runs, element: str, rows: int, ratio: float) -> tuple[flo
     material = Material(TABLE_1["dermis"].young_mpa, ratio)
     problem = ring_problem(element, rows, material)
     name = f"incompressible/ring_{element}_{rows}_{ratio:g}"
-    folder = runs.solve_deck(name, problem.deck())
-    _, _, tensor_pa = read_point_stress(folder / f"{JOB}.dat", PRINTED)
-    found = tensor_pa[0].reshape(len(problem.element), -1, 6)
+    _, found = problem.solve(runs, name)
     exact = _exact_pa(problem.node_mm[problem.element[:, :_CORNERS]], found.shape[1], material)
     worst = np.abs(von_mises_pa(found) - von_mises_pa(exact)).max()
     mean, exact_mean = found[..., :3].mean(-1), exact[..., :3].mean(-1)
@@ -162,7 +142,7 @@ def _exact_pa(corner_mm: FloatArray, points: int, material: Material) -> FloatAr
     stress[..., 1] = radial * sin**2 + tangential * cos**2
     stress[..., 2] = axial
     stress[..., 3] = (radial - tangential) * cos * sin
-    return _PA_PER_MPA * stress
+    return PA_PER_MPA * stress
 
 
 def _finger(runs: Runs) -> "DataFrame":

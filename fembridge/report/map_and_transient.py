@@ -56,7 +56,7 @@ _CASES = (
 # How many samples of 0.5 ms are followed: 501 are a whole stimulus.
 _SAMPLES = {"quick": 501, "paper": 101}
 _QUICK_RUN_SAMPLES = 21
-_SHOWN = "diharm_10_50_125"
+SHOWN = "diharm_10_50_125"
 _EVERY = 2
 _DRAWN = 201  # samples: 100 ms
 
@@ -106,20 +106,7 @@ def finding_of(found: Sequence[Compared], maps: Mapping[str, tuple[Cost, float]]
             Check("82 stimuli: times less processor time", less_cpu, LESS_CPU, side=AT_LEAST),
         ),
         tables={"map": errors.drop(columns="equal"), "map_cost": costs},
-        numbers={
-            "followed_ms": {
-                name: sorted(set(errors.solved_ms[errors.finger == f"`{name}`"])) for name in maps
-            },
-            "equal": equal,
-            "either": either,
-            "share_percent": share,
-            "trace_percent": worst_trace,
-            "drive_percent": worst_drive,
-            "fewer": fewer,
-            "less_cpu": less_cpu,
-            "shown": _SHOWN,
-            "finger": errors.finger[0].strip("`"),
-        },
+        numbers={"equal": equal},
         figure=_figure(found),
     )
 
@@ -152,7 +139,7 @@ def _costs(found: Sequence[Compared], maps: Mapping[str, tuple[Cost, float]]) ->
 
 def _figure(found: Sequence[Compared]) -> "Figure":
     """Stress over time of one stimulus, by the map and by the transient."""
-    shown = next(each for each in found if each.row["stimulus"] == f"`{_SHOWN}`")
+    shown = next(each for each in found if each.row["stimulus"] == f"`{SHOWN}`")
     figure, all_panels = panels(len(shown.traces[0]))
     for panel, mapped, solved in zip(all_panels, *shown.traces, strict=True):
         times_ms = (mapped.times_ms - mapped.times_ms[0])[:_DRAWN]

@@ -11,7 +11,8 @@ import math
 import re
 import resource
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
+from operator import add
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -51,13 +52,12 @@ if TYPE_CHECKING:
 COST_FILE = "cost.toml"
 RUNS_FOLDER = "runs"
 THREADS = 1
-# No single run of a study takes as long on any machine of the last ten years.
-TIME_LIMIT_S = 4 * 3600.0
 
 DEPTH_UM = 200.0
 STEPS, STEPS_QUICK = 10, 4
 
 _STEP_MS = 1000.0
+# In CalculiX's log.
 _SPRINGS = re.compile(r"Number of contact spring elements=(\d+)")
 _DT_MS = 0.5
 _UM_PER_MM = 1000.0
@@ -80,11 +80,7 @@ class Cost:
     cpu_s: float = 0.0
 
     def __add__(self, other: "Cost") -> "Cost":
-        return Cost(
-            self.increments + other.increments,
-            self.iterations + other.iterations,
-            self.cpu_s + other.cpu_s,
-        )
+        return Cost(*map(add, astuple(self), astuple(other)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,22 +98,15 @@ class Attempt:
         return self
 
 
+@dataclass(slots=True)
 class Runs:
     """The runs of one study under `folder`; `quick` asks for fewer and shorter ones."""
 
-    def __init__(
-        self,
-        folder: Path,
-        *,
-        quick: bool = False,
-        on_progress: OnProgress | None = None,
-        log: Callable[[str], None] = lambda line: None,
-    ) -> None:
-        self.folder = folder
-        self.quick = quick
-        self.log = log
-        self.spent = Cost()
-        self._on_progress = on_progress
+    folder: Path
+    quick: bool = False
+    on_progress: OnProgress | None = None
+    log: Callable[[str], None] = lambda line: None
+    spent: Cost = Cost()
 
     def attempt(self, name: str, model: Model, stimulus: Stimulus) -> Attempt:
         """Solve `model` under `stimulus` in the folder `name`; a failure is in the attempt."""
@@ -133,9 +122,8 @@ class Runs:
         SolverError
             The run is not accepted.
         """
-        place = self.folder / RUNS_FOLDER / name
         run = RunFolder(
-            folder=place,
+            folder=self.folder / RUNS_FOLDER / name,
             solver="calculix",
             increments=increments,
             dt_ms=dt_ms,
@@ -143,7 +131,7 @@ class Runs:
             afferents=(),
             deck_sha256=hashlib.sha256(deck.encode()).hexdigest(),
         )
-        with filling(place, last=RUN_FILE) as draft:
+        with filling(run.folder, last=RUN_FILE) as draft:
             write_text(draft / f"{JOB}.inp", deck)
             replace(run, folder=draft).write()
         return self._made(run).accepted().run.folder
@@ -154,12 +142,7 @@ class Runs:
         cpu_s = None if outcome is None else _kept_cpu_s(run)
         if outcome is None or cpu_s is None:
             before_s = _children_s()
-            settings = SolverSettings(
-                threads=THREADS,
-                time_limit_s=TIME_LIMIT_S,
-                on_progress=self._on_progress,
-                cache=False,
-            )
+            settings = SolverSettings(THREADS, on_progress=self.on_progress, cache=False)
             outcome = run_ccx(run, settings)
             cpu_s = _children_s() - before_s
             if outcome.accepted:
@@ -224,21 +207,16 @@ def read_indented(attempt: Attempt, model: Model, stimulus: Stimulus) -> Indente
     run = attempt.run
     nodes = [place.node for place in run.afferents]
     pressed = read_pressed(run, stimulus.times_ms, [*nodes, run.apex_node])
+    touching = _SPRINGS.findall((run.folder / LOG_FILE).read_text("utf-8", "replace"))
     return Indented(
         elements=len(model.mesh.quad),
         depth_um=stimulus.displacement_um,
         stress_pa=von_mises_pa(pressed.tensor_pa[:, :-1]),
         force_n_per_mm=pressed.force_n_per_mm,
         apex_um=-_UM_PER_MM * pressed.moved_mm[:, -1, 1],
-        touching=read_touching(run.folder / LOG_FILE),
+        touching=int(touching[-1]) if touching else 0,
         cost=attempt.cost,
     )
-
-
-def read_touching(log: Path) -> int:
-    """Last number of contact springs in CalculiX's log."""
-    numbers = _SPRINGS.findall(log.read_text(encoding="utf-8", errors="replace"))
-    return int(numbers[-1]) if numbers else 0
 
 
 def _children_s() -> float:

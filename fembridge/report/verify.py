@@ -2,22 +2,24 @@
 
 import json
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import as_completed
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from fembridge.errors import MissingError, SolverError, UsageError
 from fembridge.executor import LocalExecutor, WorkerDiedError, send
 from fembridge.machine import SOLVER_INSTALL_LINE, check_ccx, find_ccx
 from fembridge.plots.style import in_style, save_figure
 from fembridge.report import (
-    assumptions,
     hertz,
     incompressibility,
     map_and_transient,
-    mesh_convergence,
     plane,
+    pressed_finger,
+    study,
 )
 from fembridge.report.study import THREADS, Finding, Runs
 from fembridge.solver.process import signals_as_exits
@@ -25,7 +27,7 @@ from fembridge.solver.settings import OnProgress
 from fembridge.store import make_folder, write_text
 from fembridge.typing import Table
 from fembridge.version import __version__
-from fembridge.words import markdown, worded
+from fembridge.words import markdown, rendered, worded
 
 PAGE_FILE = "verification.md"
 SUMMARY_FILE = "verification.json"
@@ -56,11 +58,20 @@ class Study:
 
     def make(self, folder: Path, quick: bool, on_progress: OnProgress | None, log: Log) -> Finding:
         """Do it in `folder`; its figure goes into a file there."""
-        runs = Runs(folder, quick=quick, on_progress=on_progress, log=log)
+        runs = Runs(folder, quick, on_progress, log)
         finding = in_style(self.found_by)(runs)
         if finding.figure is not None:
             save_figure(finding.figure, folder / "images" / f"verification_{self.name}.png")
         return replace(finding, figure=None, cost=runs.spent)
+
+    @property
+    def constants(self) -> Mapping[str, Any]:
+        """Constants of its module and of all studies, which the words of the page hold."""
+        return {**vars(study), **vars(sys.modules[self.found_by.__module__])}
+
+    def command(self, quick: bool) -> str:
+        """Command that makes it alone."""
+        return f"fembridge verify {'--quick ' if quick else ''}--only {self.name}"
 
 
 # In the order of the page.
@@ -77,22 +88,27 @@ STUDIES = (
     Study(
         "mesh",
         "Convergence with the mesh",
-        mesh_convergence.study,
+        pressed_finger.mesh,
         "three meshes, 4 increments; limits are those of a whole run",
     ),
     Study(
         "contact",
         "Contact models",
-        assumptions.contact_models,
+        pressed_finger.contact_models,
         "four of thirteen contact models, half the increments",
     ),
     Study(
         "penalty",
         "Stiffness of the contact",
-        assumptions.stiffness,
+        pressed_finger.stiffness,
         "four stiffnesses, 4 increments",
     ),
-    Study("laws", "Linear law against neo-Hookean", assumptions.laws, "8 increments instead of 16"),
+    Study(
+        "laws",
+        "Linear law against neo-Hookean",
+        pressed_finger.laws,
+        "8 increments instead of 16",
+    ),
     Study(
         "map",
         "Response map against whole transients",
@@ -218,9 +234,8 @@ def _summary(findings: Mapping[str, Finding], versions: Mapping[str, str], *, qu
                 "title": study.title,
                 "passed": all(check.passed for check in finding.checks),
                 "skipped": finding.skipped or None,
-                "command": command_of(study.name, quick=quick),
-                "increments": finding.cost.increments,
-                "iterations": finding.cost.iterations,
+                "command": study.command(quick),
+                **asdict(finding.cost),
                 "cpu_s": round(finding.cost.cpu_s, 3),
                 "checks": [
                     {
@@ -237,39 +252,20 @@ def _summary(findings: Mapping[str, Finding], versions: Mapping[str, str], *, qu
     }
 
 
-def command_of(name: str, *, quick: bool) -> str:
-    """Command that makes one study."""
-    return f"fembridge verify {'--quick ' if quick else ''}--only {name}"
-
-
 def page_text(findings: Mapping[str, Finding], versions: Mapping[str, str], *, quick: bool) -> str:
     """The page as Markdown; the same findings give the same text."""
-    from fembridge.words import rendered
-
-    studies = [
-        {
-            "number": place,
-            "name": study.name,
-            "title": study.title,
-            "anchor": _anchor(f"{place} {study.title}"),
-            "command": command_of(study.name, quick=quick),
-            "left_out": study.left_out if quick else "",
-            "finding": findings[study.name],
-        }
-        for place, study in enumerate((s for s in STUDIES if s.name in findings), start=1)
-    ]
-
-    checks = [check for finding in findings.values() for check in finding.checks]
+    filters: dict[str, Callable[..., Any]] = {
+        "markdown": lambda frame, spec: markdown(worded(frame, spec).rename(columns=_head)),
+        "anchor": _anchor,
+    }
     return rendered(
         "verification.md.j2",
-        {"markdown": lambda frame, spec: markdown(worded(frame, spec).rename(columns=_head))},
-        studies=studies,
+        filters,
+        studies=[study for study in STUDIES if study.name in findings],
+        findings=findings,
         versions=versions,
         quick=quick,
         threads=THREADS,
-        checks=len(checks),
-        passed=sum(check.passed for check in checks),
-        cpu_s=sum(finding.cost.cpu_s for finding in findings.values()),
     )
 
 

@@ -16,7 +16,7 @@ from decks.finger import Material
 from fembridge.cli import outputs_of
 from fembridge.commands import verify as command
 from fembridge.errors import MissingError, UsageError
-from fembridge.report import assumptions
+from fembridge.report import pressed_finger
 from fembridge.report import verify as module
 from fembridge.report.map_and_transient import Compared, finding_of
 from fembridge.report.plane import PlaneProblem
@@ -39,7 +39,6 @@ def small_finding():
                 columns=columns,
             )
         },
-        numbers={"failed_percent": 1.25},
         figure=Figure(figsize=(1, 1)),
         cost=Cost(10, 23, 3.25),
     )
@@ -197,8 +196,8 @@ def test_springs_in_series_are_extrapolated_to_rigid_contact(monkeypatch, tmp_pa
         loss = 5 / model.contact.stiffness_mpa_per_mm
         return pressed(1000 * (1 - loss) * np.array([[0, 0, 0], [3.0, 2.0, 1.0]]), np.ones(2))
 
-    monkeypatch.setattr(assumptions, "indent", indent)
-    found = assumptions.stiffness(Runs(tmp_path, quick=True))
+    monkeypatch.setattr(pressed_finger, "indent", indent)
+    found = pressed_finger.stiffness(Runs(tmp_path, quick=True))
     assert_allclose(found.checks[0].found, 2.5)
     assert_allclose(list(found.tables["penalty"].SA[:-1]), [2.7, 2.85, 2.925, 2.9625])
     assert_allclose(found.tables["penalty"].iloc[-1, 1:4].astype(float), [3, 2, 1])
@@ -215,8 +214,8 @@ def test_laws_that_part_in_proportion_to_depth_are_one_at_rest(monkeypatch, tmp_
         off = 1 + 0.01 * steps[:, 0] if law == "neo-hookean" else 1
         return pressed(1000.0 * steps * (1 + share * np.ones(3)), steps[:, 0] * off)
 
-    monkeypatch.setattr(assumptions, "indent", indent)
-    found = assumptions.laws(Runs(tmp_path, quick=True))
+    monkeypatch.setattr(pressed_finger, "indent", indent)
+    found = pressed_finger.laws(Runs(tmp_path, quick=True))
     assert_allclose(found.checks[0].found, 0, atol=1e-9)
     assert found.numbers["much_from_um"] == {"SA": 300.0, "RA": 150.0, "PC": 100.0}
     assert_allclose(found.tables["laws"].PC_percent, [-4, -8, -16, -24, -32])

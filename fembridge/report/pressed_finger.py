@@ -1,4 +1,9 @@
-"""Studies of what every deck assumes: the model of the contact, its stiffness, the material law.
+"""Studies of a finger that a probe presses: its mesh, and what every deck assumes.
+
+`mesh`: how the stress at the afferents converges with the mesh, and to what. A family of
+meshes made in one way: every width of the `paper` finger's resolution times a factor, every
+number of rows divided by it. `quick` is no member: it is finest where the afferents are. The
+afferents' nodes are at the same point on all meshes.
 
 `contact_models`: down to 250 µm and up again over the same depths, on the `quick` finger. Closure
 is what `fembridge.response.indentation` judges every response by: the largest difference
@@ -13,14 +18,17 @@ skin has the same moduli at rest.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from decks.analysis import Contact, Model
-from decks.presets import QUICK, model_of
-from fembridge.report.plane import NEO_HOOKEAN
+from decks.analysis import LAWS, Contact, Model
+from decks.finger import Finger, Resolution
+from decks.mesh import refined
+from decks.presets import PAPER, QUICK, model_of
+from fembridge.errors import FingerError
 from fembridge.report.study import (
     DEPTH_UM,
     Check,
@@ -28,6 +36,8 @@ from fembridge.report.study import (
     Indented,
     Runs,
     down,
+    exact,
+    extrapolated,
     finish,
     indent,
     line,
@@ -38,16 +48,34 @@ from fembridge.report.study import (
 from fembridge.response.indentation import CLOSURE_PERCENT, LADDER, judge
 from fembridge.stimulus import Stimulus
 from fembridge.tables import AFFERENTS
+from fembridge.typing import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from pandas import DataFrame
 
+# Von Mises stress of SA, RA, PC at 200 um on an endless mesh: the study `mesh`, whole run,
+# with CalculiX 2.20.
+LIMIT_KPA = np.array([31.43, 19.24, 1.018])
+# Meshes. The `paper` finger itself, 1, comes with them.
+FACTORS, FACTORS_QUICK = (3.4, 2.6, 1.8, 1.5, 1.2, 0.8, 0.66), (3.4, 1.5)
+# Stress at a node is read from elements of first order beside it.
+ORDERS = (1.0, 2.0)
+# Coarser meshes do not follow a power law yet.
+FITTED_ELEMENTS = 8000
+# The mesh is cut in three within these distances of the first touch, in turn.
+_REFINED_MM = (0.2, 0.1)
+_SAME_MM = 1.0e-6
+_MESH_BOUND_PERCENT = {"quick": 10.0, "paper": 5.0}
+
+# Contact models.
 DEEPEST_UM = 250.0
 NODE, SURFACE = "node-to-surface", "surface-to-surface"
+# Stiffness.
 STIFFNESS = (25.0, 50.0, 100.0, 200.0, 400.0, 800.0, 1600.0)
 STIFFNESS_QUICK = (50.0, 100.0, 200.0, 400.0)
 
-_STEPS, _STEPS_QUICK, _BACK_EVERY = 10, 6, 2
+_CONTACT_STEPS, _CONTACT_STEPS_QUICK, _BACK_EVERY = 10, 6, 2
 _STICK_SHARE = 0.1
 _MODELS = (
     ("CPE4", Contact(NODE, 20.0)),
@@ -69,19 +97,154 @@ _STIFFNESS_BOUND_PERCENT = 3.0
 _LAW_DEPTH_UM, _LAW_STEPS, _LAW_STEPS_QUICK = 400.0, 16, 8
 _LAW_TABLED_UM = (50.0, 100.0, 200.0, 300.0, 400.0)
 _LAW_BOUND_PERCENT = 0.5
-_MUCH_PERCENT = 5.0
+MUCH_PERCENT = 5.0
+
+
+def member(factor: float) -> Finger:
+    """Finger of the family: `paper` with elements `factor` times as wide everywhere."""
+    if factor == 1.0:
+        return PAPER
+    paper = PAPER.resolution
+    resolution = Resolution(
+        contact_mm=paper.contact_mm * factor,
+        contact_half_width_mm=paper.contact_half_width_mm,
+        ridge_mm=paper.ridge_mm * factor,
+        far_mm=paper.far_mm * factor,
+        stratum_corneum_rows=round(paper.stratum_corneum_rows / factor),
+        epidermis_rows=round(paper.epidermis_rows / factor),
+        dermis_rows=round(paper.dermis_rows / factor),
+    )
+    return replace(PAPER, name=f"paper_x{factor:g}", resolution=resolution)
+
+
+def mesh(runs: Runs) -> Finding:
+    """Press into each mesh, extrapolate, and judge both presets."""
+    family = [_pressed(runs, member(each)) for each in (FACTORS_QUICK if runs.quick else FACTORS)]
+    presets = {"quick": _pressed(runs, QUICK), "paper": _pressed(runs, PAPER)}
+    quick, paper = presets.values()
+    meshes = sorted([*family, paper], key=lambda each: each.elements)
+    limits = _limits([] if runs.quick else [m for m in meshes if m.elements > FITTED_ELEMENTS])
+    for name, each in presets.items():
+        limits[f"{name}_percent"] = _off_percent(each, limits)
+    names = ["`quick`", *("`paper`" if each is paper else "family" for each in meshes)]
+    table = _table([quick, *meshes])
+    table.insert(0, "mesh", names)
+    contact = _table([quick, *_refined(runs)]).drop(columns="cpu_s")
+    contact.insert(0, "cut_in", [1, 3, 9])
+    return Finding(
+        checks=tuple(
+            Check(
+                f"`{name}`: stress furthest from the limit",
+                float(limits[f"{name}_percent"].abs().max()),
+                bound_percent,
+                "%",
+            )
+            for name, bound_percent in _MESH_BOUND_PERCENT.items()
+        ),
+        tables={
+            "mesh": table,
+            "mesh_limit": limits.rename_axis("afferent").reset_index(),
+            "mesh_contact": contact,
+        },
+        figure=_meshes_figure(meshes, presets, limits),
+    )
+
+
+def _pressed(runs: Runs, finger: Finger) -> Indented:
+    model = model_of(finger)
+    for name, site in finger.afferents.items():
+        x_mm, y_mm = model.mesh.node_mm[model.mesh.node_at(site)].tolist()
+        if math.hypot(x_mm - site.x_mm, y_mm + site.depth_mm) > _SAME_MM:
+            raise FingerError(
+                f"{finger.name}: {name} is at ({x_mm:g}, {y_mm:g}) mm, expected "
+                f"({site.x_mm:g}, {-site.depth_mm:g}) as on the other meshes"
+            )
+    runs.log(f"mesh: {finger.name}, {len(model.mesh.quad)} elements")
+    return indent(runs, f"mesh/{finger.name}", model)
+
+
+def _limits(fitted: Sequence[Indented]) -> "DataFrame":
+    """Limits that the `fitted` meshes tend to, by afferent; with none, those of a whole run.
+
+    A limit is between the fits of both orders; order and index are of the last three meshes.
+    """
+    from pandas import DataFrame
+
+    columns = ["limit_kpa", "fits_differ_percent", "order", "index_percent"]
+    if not fitted:
+        rows = [(kpa, 0.0, math.nan, math.nan) for kpa in LIMIT_KPA.tolist()]
+        return DataFrame(rows, index=list(AFFERENTS), columns=columns)
+    width = np.array([each.elements**-0.5 for each in fitted])
+    stress_kpa = np.array([each.last_pa for each in fitted]) / 1000
+    first, second = (np.polyfit(width**order, stress_kpa, 1)[1] for order in ORDERS)
+    limit_kpa = 0.5 * (first + second)
+    differ_percent = 100 * np.abs(second - first) / limit_kpa / 2
+    orders, indices = zip(*(extrapolated(width, kpa)[1:] for kpa in stress_kpa.T), strict=True)
+    values = (limit_kpa, differ_percent, orders, indices)
+    return DataFrame(dict(zip(columns, values, strict=True)), index=list(AFFERENTS))
+
+
+def _off_percent(mesh: Indented, limits: "DataFrame") -> FloatArray:
+    """Difference of the stress ``(afferent,)`` from its limit."""
+    off: FloatArray = 100 * (mesh.last_pa / 1000 / limits.limit_kpa.to_numpy() - 1)
+    return off
+
+
+def _refined(runs: Runs) -> list[Indented]:
+    """Press into `quick` with elements a third, then a ninth as wide at the contact."""
+    base = model_of(QUICK)
+    finer, found = base.mesh, []
+    for number, radius_mm in enumerate(_REFINED_MM, start=1):
+        finer = refined(finer, (0.0, 0.0), radius_mm)
+        runs.log(f"mesh: quick, {len(finer.quad)} elements")
+        found.append(indent(runs, f"mesh/quick_refined_{number}", Model(base.finger, finer)))
+    return found
+
+
+def _table(meshes: Sequence[Indented]) -> "DataFrame":
+    from pandas import DataFrame
+
+    rows = [
+        (
+            each.elements,
+            *(each.last_pa / 1000).tolist(),
+            1000 * float(each.force_n_per_mm[-1]),
+            each.touching,
+            each.cost.cpu_s,
+        )
+        for each in meshes
+    ]
+    return DataFrame(rows, columns=["elements", *AFFERENTS, "force", "touching", "cpu_s"])
+
+
+def _meshes_figure(
+    meshes: list[Indented], presets: dict[str, Indented], limits: "DataFrame"
+) -> "Figure":
+    elements = [each.elements for each in meshes]
+    off_percent = np.array([_off_percent(each, limits) for each in meshes]).T
+    figure, all_panels = panels(len(limits))
+    for column, (panel, name) in enumerate(zip(all_panels, AFFERENTS, strict=True)):
+        panel.plot(elements[:: len(elements) - 1], [0, 0], label="limit", **exact(dashed=True))
+        panel.plot(elements, off_percent[column], label=name, **line(1, name=name))
+        for row, (preset, each) in enumerate(presets.items(), start=2):
+            off = [_off_percent(each, limits)[column]]
+            panel.plot([each.elements], off, label=preset, **line(row, mark="dots"))
+        y = "" if column else "stress above the limit (%)"
+        finish(panel, "elements", y, title=name, log="x")
+    return figure
 
 
 def contact_models(runs: Runs) -> Finding:
     """Try each contact model on the way down and back."""
     from pandas import DataFrame
 
-    steps = _STEPS_QUICK if runs.quick else _STEPS
+    steps = _CONTACT_STEPS_QUICK if runs.quick else _CONTACT_STEPS
     down_um = np.round(np.linspace(0.0, DEEPEST_UM, steps + 1), 3)
     up_um = down_um[steps - _BACK_EVERY : 0 : -_BACK_EVERY]
     stimulus = through(np.concatenate([down_um, up_um]), "there_and_back")
+    models = _MODELS_QUICK if runs.quick else _MODELS
     rows, found = [], {}
-    for element, contact in _MODELS_QUICK if runs.quick else _MODELS:
+    for element, contact in models:
         runs.log(f"contact: {element}, {contact}")
         model = replace(model_of(QUICK), element=element, contact=contact, support="prescribed")
         row, indented = _try(runs, model, stimulus)
@@ -89,20 +252,18 @@ def contact_models(runs: Runs) -> Finding:
         if indented is not None:
             found[element, contact] = indented
     table = DataFrame(rows)
-    by_node = table.contact.str.startswith(NODE)
-    default = table[table.model == f"CPE4, {LADDER[0]}"].iloc[0]
-    off_percent = table.closure[~by_node].dropna().tolist()
-    unsolved = table.model[by_node & table.closure.isna()].tolist()
+    default = table.iloc[models.index(("CPE4", LADDER[0]))]
+    off_percent = table.closure[table.contact.str.startswith(SURFACE)].dropna().tolist()
     numbers: dict[str, Any] = {
-        "depth_um": DEEPEST_UM,
         "down": steps,
         "back": steps // _BACK_EVERY - 1,
-        "allowed_percent": CLOSURE_PERCENT,
-        "accepted": int((table.verdict[by_node] == "accepted").sum()),
-        "by_node": int(by_node.sum()),
         "iterations": int(default.iterations),
         "surface_percent": [min(off_percent), max(off_percent)] if off_percent else [],
-        "unsolved": unsolved,
+        "unsolved": [
+            f"{element}, {contact}"
+            for element, contact in models
+            if contact.formulation == NODE and (element, contact) not in found
+        ],
     }
     rubbing, smooth = (found.get(("CPE4", Contact(NODE, 200.0, friction=f))) for f in (0.4, 0.0))
     if rubbing is not None and smooth is not None:  # how much friction changes the stress
@@ -111,7 +272,7 @@ def contact_models(runs: Runs) -> Finding:
     what = f"closure of the default, {LADDER[0]}"
     return Finding(
         checks=(Check(what, float(default.closure), CLOSURE_PERCENT, "%"),),
-        tables={"contact": table.drop(columns="model")},
+        tables={"contact": table},
         numbers=numbers,
         figure=_models_figure(found, steps),
     )
@@ -137,7 +298,6 @@ def _try(runs: Runs, model: Model, stimulus: Stimulus) -> tuple[dict[str, Any], 
         verdict = "accepted" if refusal is None else "does not come back"
     stick = f", stick {contact.stick_share:g}" if contact.stick_share != _STICK_SHARE else ""
     return {
-        "model": f"{model.element}, {contact}",
         "element": model.element,
         "contact": contact.formulation + stick,
         "stiffness": contact.stiffness_mpa_per_mm,
@@ -206,9 +366,6 @@ def stiffness(runs: Runs) -> Finding:
         checks=(Check(what, worst, _STIFFNESS_BOUND_PERCENT, "%"),),
         tables={"penalty": table},
         numbers={
-            "depth_um": DEPTH_UM,
-            "softest": float(springs[0]),
-            "stiffest": float(springs[-1]),
             "default": default,
             "off_percent": dict(zip(AFFERENTS, at_default.tolist(), strict=True)),
         },
@@ -223,16 +380,16 @@ def laws(runs: Runs) -> Finding:
     model = model_of(QUICK)
     stimulus = down(_LAW_DEPTH_UM, _LAW_STEPS_QUICK if runs.quick else _LAW_STEPS)
     found = {}
-    for law in ("linear", NEO_HOOKEAN):
+    for law in LAWS:
         runs.log(f"laws: {law}")
         found[law] = indent(runs, f"laws/{law}", model, stimulus, law=law)
-    linear, other = found["linear"], found[NEO_HOOKEAN]
+    linear, other = found.values()
     depth_um = linear.depth_um[1:]
     off = 100 * (other.stress_pa[1:] / linear.stress_pa[1:] - 1)
     force_off = 100 * (other.force_n_per_mm[1:] / linear.force_n_per_mm[1:] - 1)
     at_rest = off[0] - (off[1] - off[0]) / (depth_um[1] - depth_um[0]) * depth_um[0]
     rows = [int(np.abs(depth_um - one).argmin()) for one in _LAW_TABLED_UM]
-    much = (np.abs(off) > _MUCH_PERCENT).T
+    much = (np.abs(off) > MUCH_PERCENT).T
     table = DataFrame({"depth_um": depth_um[rows]})
     table[list(AFFERENTS)] = linear.stress_pa[1:][rows] / 1000
     table[[f"{name}_percent" for name in AFFERENTS]] = off[rows]
@@ -249,17 +406,11 @@ def laws(runs: Runs) -> Finding:
         ),
         tables={"laws": table},
         numbers={
-            "depth_um": _LAW_DEPTH_UM,
-            "off_percent": dict(zip(AFFERENTS, off[-1].tolist(), strict=True)),
-            "force_percent": float(force_off[-1]),
-            "much_percent": _MUCH_PERCENT,
             "much_from_um": {
                 name: float(depth_um[over.argmax()])
                 for name, over in zip(AFFERENTS, much, strict=True)
                 if over.any()
-            },
-            "steps": _LAW_STEPS,
-            "steps_quick": _LAW_STEPS_QUICK,
+            }
         },
         figure=figure,
     )
