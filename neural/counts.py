@@ -7,6 +7,7 @@ number of spikes that `neural.lif.fire` finds, to the last one. With numba (the 
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
 from typing import Any, TypeAlias
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError, TraceError
-from fembridge.typing import BoolArray, FloatArray, IntArray
+from fembridge.typing import FloatArray, IntArray
 from neural.lif import Membrane, State, spiking
 from neural.models import Coefficients
 
@@ -101,18 +102,21 @@ def candidate_counts(
         drives_of, own = [*filtered], [*per_drive]
         if len(own) == 1:  # a second one without a share
             drives_of, own = [*filtered, np.zeros_like(filtered[0])], [*own, np.ones_like(alpha)]
-        threshold = float(np.asarray(membrane.threshold))
         limits = (0.0 if one else -np.inf for one in (membrane.clamped, membrane.until_turn))
-        step(
+        threshold = np.asarray(membrane.threshold)
+        given = (
             (np.abs(drives_of) if saturates else np.stack(drives_of)).astype(kind),
             np.stack([*own, alpha, decay, jump, decay_of_jump]),
-            np.logical_or(saturates or decay < 0.0, _may_reach(threshold, drives_of, own)),
             (kind(threshold), *map(kind, limits)),
             int(np.asarray(membrane.refractory)),
             np.stack([first, end]),
             saturates,
-            counts,
         )
+        longest_first = np.argsort(-end, kind="stable")
+        threads = _threads()
+        with ThreadPoolExecutor(threads) as pool:
+            shares = [longest_first[n::threads] for n in range(threads)]
+            list(pool.map(lambda share: step(share, *given, counts), shares))
         if counts.min(initial=0) < 0:
             raise TraceError(_NOT_FINITE)
         return counts
@@ -201,57 +205,64 @@ def compiled() -> Callable[..., None] | None:
     except ImportError:
         return None
     try:
-        found: Callable[..., None] = njit(_step_each, cache=True, error_model="numpy")
+        found: Callable[..., None] = njit(_step_each, cache=True, error_model="numpy", nogil=True)
     except RuntimeError:  # nowhere to write
-        found = njit(_step_each, error_model="numpy")
+        found = njit(_step_each, error_model="numpy", nogil=True)
     return found
 
 
-def _may_reach(
-    threshold: float, drives: Sequence[FloatArray], gains: Sequence[FloatArray]
-) -> BoolArray:
-    """Membranes ``(condition, candidate)`` that would reach a threshold without any leak.
+def _threads() -> int:
+    """As many as numba may take of this process's cores, ``NUMBA_NUM_THREADS``."""
+    from numba import config
 
-    A potential is never above the largest rise of the summed current, of each drive for
-    itself. A thousandth is left for rounding.
-    """
-    most: FloatArray = np.zeros((drives[0].shape[1], gains[0].size))
-    for drive, gain in zip(drives, gains, strict=True):
-        sums = np.cumsum(np.vstack([np.zeros(drive.shape[1]), drive]), axis=0)
-        rise = (sums - np.minimum.accumulate(sums)).max(axis=0)
-        fall = (np.maximum.accumulate(sums) - sums).max(axis=0)
-        most += np.maximum(np.multiply.outer(rise, gain), np.multiply.outer(fall, -gain))
-    return np.asarray(~(most < 0.999 * threshold))
+    return int(config.NUMBA_NUM_THREADS)
 
 
 def _step_each(
+    conditions: IntArray,
     drives: FloatArray,
     values: FloatArray,
-    wanted: BoolArray,
     limits: tuple[FloatArray, FloatArray, FloatArray],
     refractory: int,
     window: IntArray,
     saturates: bool,
     counts: IntArray,
 ) -> None:
-    """Plain loops over conditions, rows and those candidates that are `wanted`, into `counts`.
+    """Plain loops over `conditions`, rows and candidates, into their columns of `counts`.
 
     `values` are rows of gains of both drives, alpha, decay, jump and its decay. `limits`
     are the threshold, where the potential is clamped, and below which the threshold
-    comes back. A count is -1 where the potential is not finite in the end. The innermost
-    loop has no branch but choices between two numbers: it becomes vector instructions.
+    comes back. A count is -1 where the potential is not finite in the end.
+
+    Candidates that cannot reach the threshold are not stepped: without any leak a potential
+    is never above the largest rise of the summed current, nor, with it, above what the
+    largest current would hold for ever, of each drive for itself. A thousandth is left for
+    rounding. The innermost loop has no branch but choices between two numbers: it becomes
+    vector instructions.
     """
     threshold, lowest, turn = limits
     zero = values.dtype.type(0)
     none, one, rest = np.int32(0), np.int32(1), np.int32(refractory)
-    for condition in range(drives.shape[2]):
+    for condition in conditions:
         counts[:, condition] = 0
-        which = np.flatnonzero(wanted[condition])
+        first, end = window[0, condition], window[1, condition]
+        whole, most = np.zeros(values.shape[1]), np.zeros(values.shape[1])
+        for drive in range(drives.shape[0]):
+            total, low, high, rise, fall = 0.0, 0.0, 0.0, 0.0, 0.0
+            for row in range(end):
+                total += drives[drive, row, condition]
+                low, high = min(low, total), max(high, total)
+                rise, fall = max(rise, total - low), max(fall, high - total)
+            gain, own = values[drive], drives[drive, :, condition]
+            whole += np.maximum(rise * gain, -fall * gain)
+            most += np.maximum(np.maximum(own.max() * gain, own.min() * gain), 0.0)
+        leak = one - values[3]
+        reaches = ~(whole < 0.999 * threshold) & ~(most < 0.999 * threshold * leak)
+        which = np.flatnonzero(saturates | (leak > one) | reaches)
         of_x, of_y, alpha, decay, jump, decay_of_jump = values[:, which]
         potential, raised = np.zeros_like(decay), np.zeros_like(decay)
         silent, fired = np.zeros(which.size, np.int32), np.zeros(which.size, np.int32)
         adaptive = (jump != 0).any()
-        first, end = window[0, condition], window[1, condition]
         for row in range(end):
             x, y = drives[0, row, condition], drives[1, row, condition]
             inside = np.int32(row >= first)
