@@ -3,40 +3,38 @@
 Arguments have the words of the command's options. Times are in ms, depths in um,
 stress in Pa, rates in impulses per second. Errors are `FembridgeError`. `log` is called
 with a line about what was done, `on_progress` with how far it is.
+
+A command asks these signatures for its options (decision 0033): what a function needs is
+imported when it is called, so that ``--help`` costs nothing.
 """
 
-import tempfile
+from __future__ import annotations
+
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from decks.analysis import LAWS, Contact, Model
-from decks.dialects import DeckOptions, dialect_named
-from decks.finger import Finger
-from decks.presets import finger_table, mesh_of, read_finger
-from decks.probe import Probe
-from fembridge.build import build_own_folder, build_run_folder, read_base_deck
 from fembridge.errors import DeckError, UsageError
-from fembridge.run_folder import RunFolder
 from fembridge.solver.settings import ITERATION_LIMIT, STALL_LIMIT_S, OnProgress, SolverSettings
-from fembridge.stimulus_file import Stimuli, stimuli_of
-from fembridge.store import check_output, filling
-from fembridge.trace import StressTrace, finger_id
-from neural import ParameterSet, parameter_set
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
+    from decks.analysis import Contact, Model
+    from decks.finger import Finger
+    from decks.probe import Probe
     from fembridge.fitting.fit import FitRun
     from fembridge.report.validate import Validation
+    from fembridge.run_folder import RunFolder
     from fembridge.simulation import Simulation
     from fembridge.solver.verdict import Outcome
+    from fembridge.stimulus_file import Stimuli
     from fembridge.touching.field import ReceptiveField
     from fembridge.touching.touch import Touch
+    from fembridge.trace import StressTrace
+    from neural import ParameterSet
     from neural.fit_problem import Target
     from neural.models import Model as AfferentModel
 
@@ -69,7 +67,7 @@ def simulate(
     yes: bool = True,
     log: Callable[[str], None] = lambda line: None,
     on_progress: OnProgress | None = None,
-) -> "Simulation":
+) -> Simulation:
     """Stress, spikes and rates of each stimulus, as ``fembridge simulate``.
 
     With ccx one indentation is solved and answers every stimulus, or the solver follows
@@ -125,8 +123,15 @@ def simulate(
     >>> list(result.rates.columns)
     ['stimulus', 'afferent', 'rate_ips']
     """
-    from fembridge.simulation import simulate as simulate_model
-    from fembridge.simulation import unlike_the_fit
+    import tempfile
+    from contextlib import ExitStack
+
+    from decks.analysis import Contact
+    from decks.presets import finger_table
+    from fembridge import simulation
+    from fembridge.stimulus_file import stimuli_of
+    from fembridge.trace import finger_id
+    from neural import parameter_set
 
     chosen = parameter_set(parameters)
     depth_um = chosen.preindent_um if preindent_um is None else preindent_um
@@ -145,7 +150,7 @@ def simulate(
     with ExitStack() as stack:
         if output is None:
             output = stack.enter_context(tempfile.TemporaryDirectory(prefix="fembridge-"))
-        result = simulate_model(
+        result = simulation.simulate(
             stimuli,
             model,
             Path(output),
@@ -156,8 +161,11 @@ def simulate(
             yes=yes,
             log=log,
         )
-    depths_um = {one.preindent_um for one in stimuli}
-    if unlike := unlike_the_fit(chosen, finger_id(finger_table(model.finger)), depths_um):
+    depths_um, of_model = (
+        {one.preindent_um for one in stimuli},
+        finger_id(finger_table(model.finger)),
+    )
+    if unlike := simulation.unlike_the_fit(chosen, of_model, depths_um):
         log(unlike)
     elif preindent_um is None and depth_um:
         depth = f"{depth_um:g} um deep before time 0"
@@ -238,6 +246,12 @@ def build_deck(
     >>> run.folder.name, run.increments
     ('sine_20_250', 520)
     """
+    from decks.analysis import Contact
+    from decks.dialects import DeckOptions, dialect_named
+    from fembridge.build import build_own_folder, build_run_folder, read_base_deck
+    from fembridge.stimulus_file import stimuli_of
+    from neural import parameter_set
+
     chosen = parameter_set(parameters)
     if preindent_um is None:
         preindent_um = chosen.preindent_um if base_deck is None else 0.0
@@ -311,7 +325,7 @@ def run(
     force: bool = False,
     cache: bool = True,
     on_progress: OnProgress | None = None,
-) -> "list[Outcome]":
+) -> list[Outcome]:
     """Run the solver in run folders, or in what `build_deck` gave.
 
     Accepted results are beside their deck. A folder whose results are whole and of its
@@ -331,6 +345,7 @@ def run(
     >>> outcome.accepted
     False
     """
+    from fembridge.run_folder import RunFolder
     from fembridge.solver.ccx import run_folders
 
     settings = SolverSettings(
@@ -342,7 +357,7 @@ def run(
 
 
 def encode(
-    traces: "PathLike | pandas.DataFrame | Sequence[StressTrace]",
+    traces: PathLike | pandas.DataFrame | Sequence[StressTrace],
     *,
     parameters: str | ParameterSet | None = None,
     stimulus: str | None = None,
@@ -352,7 +367,7 @@ def encode(
     gain_pa: float | None = None,
     resample_ms: float | None = None,
     log: Callable[[str], None] | None = None,
-) -> "pandas.DataFrame":
+) -> pandas.DataFrame:
     """Spikes of stress histories: ``stimulus, afferent, repeat, spike_time_ms``, a row a spike.
 
     Parameters
@@ -414,7 +429,7 @@ def encode(
     return spikes_frame(encoded.trains)
 
 
-def plot(result: "Simulation | Touch | ReceptiveField", picture: str | None = None) -> "Figure":
+def plot(result: Simulation | Touch | ReceptiveField, picture: str | None = None) -> Figure:
     """The picture of what `simulate`, `touch` or `receptive_field` gave, as `fembridge` draws it.
 
     Parameters
@@ -464,6 +479,10 @@ def _model(
     whole_section: bool,
     law: str,
 ) -> Model:
+    from decks.analysis import LAWS, Model
+    from decks.presets import mesh_of, read_finger
+    from decks.probe import Probe
+
     chosen = read_finger(finger) if isinstance(finger, str) else finger
     if law not in LAWS:
         raise UsageError(f"law {law!r}, expected {' or '.join(LAWS)}")
@@ -480,7 +499,7 @@ def _model(
 
 
 def fit(
-    observed: "PathLike | pandas.DataFrame",
+    observed: PathLike | pandas.DataFrame,
     *,
     afferents: Sequence[str] | None = None,
     drive: str | None = None,
@@ -502,7 +521,7 @@ def fit(
     output: PathLike | None = None,
     log: Callable[[str], None] = lambda line: None,
     on_progress: Callable[[str, Any], None] | None = None,
-) -> "FitRun":
+) -> FitRun:
     """Parameters whose rates come closest to `observed` ones, class by class.
 
     Parameters
@@ -557,6 +576,8 @@ def fit(
     >>> fit.afferent
     'SA'
     """
+    from dataclasses import replace
+
     from fembridge.evidence import THRESHOLDS, published_timing, read_evidence
     from fembridge.fitting import fit as fitting
     from fembridge.fitting.problem import (
@@ -569,7 +590,9 @@ def fit(
         timing_target,
     )
     from fembridge.observed import FAMILIES, read_observed
+    from fembridge.store import check_output, filling
     from fembridge.tables import AFFERENTS, read_spikes
+    from neural import parameter_set
 
     of_default = 0.0 if drive == "published" else parameter_set("fitted").preindent_um
     search = {"evaluations": evaluations, "population": population}
@@ -590,7 +613,7 @@ def fit(
     asked = None if thresholds is None else read_evidence(thresholds, THRESHOLDS).table
     trains = None if spikes is None else read_spikes(Path(spikes))
 
-    def targets_of(model: "AfferentModel") -> "list[Target]":
+    def targets_of(model: AfferentModel) -> list[Target]:
         where = (source.response, model, settings.preindent_um)
         found: list[Target | None] = []
         if asked is not None:
@@ -650,7 +673,7 @@ def thresholds(
     preindent_um: float | None = None,
     finger: str | None = None,
     response: PathLike | None = None,
-) -> "pandas.DataFrame":
+) -> pandas.DataFrame:
     """How faint a vibration each class answers, against frequency.
 
     Parameters
@@ -680,6 +703,7 @@ def thresholds(
     from fembridge.fitting.problem import solved_source, stored_source
     from fembridge.tuning import frequencies_of
     from fembridge.tuning import thresholds as of_class
+    from neural import parameter_set
 
     chosen = parameter_set(parameters)
     depth_um = chosen.preindent_um if preindent_um is None else preindent_um
@@ -706,7 +730,7 @@ def validate(
     impulses: PathLike | None = None,
     distance: PathLike | None = None,
     log: Callable[[str], None] = lambda line: None,
-) -> "Validation":
+) -> Validation:
     """The paper's figures and tables against the model; with `output` as a page there.
 
     Parameters
@@ -748,6 +772,7 @@ def validate(
     from fembridge.observed import read_observed
     from fembridge.report import validate as report
     from fembridge.report.validation_page import PAGE, write_report
+    from fembridge.store import check_output
     from fembridge.tables import read_spikes
 
     files = {THRESHOLDS: thresholds, MAN: impulses, DISTANCE: distance}

@@ -4,10 +4,11 @@ A verb is a module of ``fembridge.commands`` with a docstring, an ``EXAMPLE`` an
 two functions: ``add_arguments(parser)`` and ``run(args) -> summary``. Only the
 verb that was asked for is imported, so ``fembridge --help`` costs next to nothing.
 
-A summary is a dict; ``--json`` prints it as strict JSON, where a number that is
-not finite becomes null, with its ``exit_code``. A verb that did its work and found
-that not all is well says so by an ``exit_code`` of its own. An error is a line on
-stderr, and with ``--json`` also ``{"error": {"kind", "message"}, "exit_code"}``.
+What a verb prints is for people. A summary is a dict; ``--json`` prints it alone, as
+strict JSON, where a number that is not finite becomes null, with its ``exit_code``. A
+verb that did its work and found that not all is well says so by an ``exit_code`` of its
+own. An error is a line on stderr, and with ``--json`` also ``{"error": {"kind",
+"message"}, "exit_code"}``.
 
 What each verb writes, its files and every column of a table, has one place: ``outputs.md``
 of the verbs, a page for people, which is read here for ``--help``. A name in angle brackets
@@ -19,9 +20,9 @@ import os
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import nullcontext, redirect_stderr, redirect_stdout
 from importlib import import_module
-from io import TextIOWrapper
+from io import StringIO, TextIOWrapper
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn, TextIO
@@ -101,7 +102,8 @@ def _run(words: list[str]) -> int:
     except FembridgeError as error:
         return _refused(error, error.exit_code, as_json)
     try:
-        summary = command.run(args)
+        with redirect_stdout(StringIO()) if args.json else nullcontext():
+            summary = command.run(args)
     except KeyboardInterrupt as error:
         return _refused(error, INTERRUPTED, as_json, "interrupted")
     except MemoryError as error:

@@ -5,7 +5,6 @@ fails with an OSError where system libraries are absent, is tried in a process
 of its own.
 """
 
-import importlib.metadata
 import os
 import re
 import shutil
@@ -126,13 +125,15 @@ def examine(version: str) -> list[Check]:
 
 def check_package(name: str) -> Check:
     """Compare the installed version of a dependency with the least one."""
+    from importlib.metadata import PackageNotFoundError, version
+
     least, needed, use = PACKAGES[name]
     least_text = ".".join(map(str, least))
     remedy = f"{sys.executable} -m pip install '{name}>={least_text}'"
     state = "missing" if needed else "note"
     try:
-        found = importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:
+        found = version(name)
+    except PackageNotFoundError:
         return Check(name, state, f"not installed; for {use}", remedy)
     numbers = tuple(int(part) for part in re.findall(r"\d+", found)[: len(least)])
     if numbers < least:

@@ -72,6 +72,19 @@ def log(line: object) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
+class Notes(list[str]):
+    """Lines that are logged when they come, and kept for the summary of a verb."""
+
+    def __init__(self, show: Callable[[str], None] = log) -> None:
+        super().__init__()
+        self._show = show
+
+    def __call__(self, line: str) -> None:
+        """Log `line` and keep it."""
+        self.append(line)
+        self._show(line)
+
+
 class PrintError(OSError):
     """What we print cannot be written."""
 

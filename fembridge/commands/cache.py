@@ -26,17 +26,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     removed = clear() if args.clear else 0
     found = entries()
     total = sum(entry.bytes for entry in found)
-    if not args.json:
-        if folder is None:
-            print(f"switched off: {VARIABLE}={OFF}")
-        elif args.clear:
-            print(f"{removed / 1e6:.1f} MB removed from {folder}")
-        else:
-            for entry in found:
-                used = time.strftime("%Y-%m-%d %H:%M", time.localtime(entry.used_s))
-                print(f"{used}  {entry.bytes / 1e6:8.1f} MB  {entry.what}")
-            count = "1 entry" if len(found) == 1 else f"{len(found)} entries"
-            print(f"{count}, {total / 1e6:.1f} MB in {folder}")
+    if folder is None:
+        print(f"switched off: {VARIABLE}={OFF}")
+    elif args.clear:
+        print(f"{removed / 1e6:.1f} MB removed from {folder}")
+    else:
+        for entry in found:
+            used = time.strftime("%Y-%m-%d %H:%M", time.localtime(entry.used_s))
+            print(f"{used}  {entry.bytes / 1e6:8.1f} MB  {entry.what}")
+        count = "1 entry" if len(found) == 1 else f"{len(found)} entries"
+        print(f"{count}, {total / 1e6:.1f} MB in {folder}")
     return {
         "folder": folder,
         "count": len(found),

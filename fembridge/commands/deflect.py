@@ -8,12 +8,12 @@ ten minutes. Profiles are written to the output folder as a table and a picture.
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import add_options, add_output_option, option
-from fembridge.terminal import log
+from fembridge.commands.options import add_from, add_output_option, option, words_of
+from fembridge.solver.settings import SolverSettings
+from fembridge.terminal import SolverBars, log
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     from fembridge.response.deflection import Deflection
 
@@ -39,14 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--depth-mm", type=float, metavar="D", help="how deep, where it is solved (default: 1)"
     )
-    add_options(parser, ("threads", "time_limit", "no_cache"))
+    add_from(parser, SolverSettings, "threads", "time_limit_s", "cache")
     add_output_option(parser, default="deflection")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Read or solve the profiles, write them; the summary holds them."""
-    from pathlib import Path
-
     import numpy as np
 
     from fembridge.errors import UsageError
@@ -56,13 +54,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.store import check_output, filling
     from fembridge.tables import write_table
 
-    output = Path(args.output)
     for name in ("depth_mm", "threads", "time_limit_s"):
         if args.solver is None and getattr(args, name) is not None:
-            raise UsageError(f"{option(name.removesuffix('_s'))} is for --solver run")
+            raise UsageError(f"{option(name)} is for --solver run")
     if args.solver is not None:
-        check_output(output, TABLE_FILE, PICTURE_FILE)
-        shown = [_solved(args, output)]
+        check_output(args.output, TABLE_FILE, PICTURE_FILE)
+        shown = [_solved(args)]
     else:
         shown = [stored_deflection(args.finger)] if args.finger else list(stored_deflections())
     profile = [
@@ -70,15 +67,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         for mesh in shown
         for row in np.stack([mesh.distance_mm, mesh.deflection_mm], axis=1).tolist()
     ]
-    with filling(output, last=TABLE_FILE) as draft:
+    with filling(args.output, last=TABLE_FILE) as draft:
         write_table(draft / TABLE_FILE, ("mesh", "distance_mm", "deflection_mm"), profile)
         save_figure(deflection_figure(shown), draft / PICTURE_FILE)
     rows = convergence(shown) if len(shown) > 1 else []
-    if not args.json:
-        _print_table(shown, rows)
-        print(f"{TABLE_FILE}, {PICTURE_FILE}: {output}")
+    _print_table(shown, rows)
+    print(f"{TABLE_FILE}, {PICTURE_FILE}: {args.output}")
     return {
-        "output": str(output),
+        "output": args.output,
         "source": "stored" if args.solver is None else "solved",
         "depth_mm": shown[0].depth_mm,
         "meshes": [
@@ -94,7 +90,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _solved(args: argparse.Namespace, output: "Path") -> "Deflection":
+def _solved(args: argparse.Namespace) -> "Deflection":
     from decks.presets import read_finger
     from fembridge.response.deflection import (
         DEPTH_MM,
@@ -103,19 +99,12 @@ def _solved(args: argparse.Namespace, output: "Path") -> "Deflection":
         solve_deflection,
         stored_deflections,
     )
-    from fembridge.solver.settings import SolverSettings
-    from fembridge.terminal import SolverBars
 
     depth_mm = DEPTH_MM if args.depth_mm is None else args.depth_mm
     finger = FINGERS.get(args.finger or "quick") or read_finger(args.finger)
     with SolverBars() as bars:
-        settings = SolverSettings(
-            threads=args.threads,
-            time_limit_s=args.time_limit_s,
-            on_progress=bars,
-            cache=args.cache,
-        )
-        solved = solve_deflection(output / "run", press_of(finger), depth_mm, settings)
+        settings = SolverSettings(**words_of(args, SolverSettings), on_progress=bars)
+        solved = solve_deflection(args.output / "run", press_of(finger), depth_mm, settings)
     for stored in stored_deflections():
         same_mesh = stored.origin.get("mesh_sha256") == solved.origin["mesh_sha256"]
         if same_mesh and stored.depth_mm == solved.depth_mm:

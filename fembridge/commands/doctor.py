@@ -22,7 +22,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     checks = examine(__version__)
     missing = [check.name for check in checks if check.state == "missing"]
-    for check in () if args.json else checks:
+    for check in checks:
         print(f"{check.state:<8} {check.name:<11} {check.found}")
         if check.remedy:
             print(f"{'':<20} -> {check.remedy}")

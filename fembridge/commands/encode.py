@@ -24,7 +24,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import Several, add_from, add_options, column, words_of
+from fembridge.commands.options import (
+    Several,
+    add_export_option,
+    add_from,
+    add_output_option,
+    column,
+    window,
+    words_of,
+)
 from fembridge.terminal import MOST_LINES, log
 
 if TYPE_CHECKING:
@@ -45,16 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     add = parser.add_argument
     add("traces", type=Path, metavar="CSV|NPZ|DIR", help="table of traces, or a folder")
-    add(
-        "-o",
-        "--output",
-        type=Path,
-        default=Path("encoded"),
-        metavar="DIR",
-        help="folder to write into (default: encoded)",
-    )
+    add_output_option(parser, default="encoded")
     whose = "fitted, published (Table 2 of the paper) or a TOML file (default: those that the "
-    add_options(parser, ("parameters",), help=f"{whose}run of the traces names, else fitted)")
+    whose += "run of the traces names, else fitted)"
     named = "what the tables call the stimulus (default: as its run, else the file's name), or "
     named += "which of several"
     add(
@@ -75,6 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_from(
         parser,
         encode,
+        parameters=("NAME", whose),
         stimulus=("ID", named),
         gain_pa=("PA", gain),
         resample_ms=("MS", "put samples on an even grid of this step, by PCHIP"),
@@ -82,8 +84,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     counted = "count spikes after START up to END (default: as in its run, else of "
     counted += "--stimulus ID, else the whole trace)"
-    add_options(parser, ("window_ms",), help=counted)
-    add_options(parser, ("export",))
+    add("--window-ms", type=window, metavar="START:END", help=counted)
+    add_export_option(parser)
     add("--no-raster", action="store_true", help="write the tables alone")
 
 
@@ -98,7 +100,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     named: dict[str, list[str]] = {}
     for key, name in args.columns or ():
         named.setdefault(key, []).append(name)
-    notes: list[str] = []
+    notes: list[str] = []  # said at the end
     encoded = encode(
         args.traces,
         **{**words_of(args, encode), "columns": named or None},
@@ -141,14 +143,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         notes.append("rates over the whole trace; narrow it with --window-ms START:END")
     for note in notes:
         log(note)
-    if not args.json:
-        _print(rows)
-        print(*files, sep="\n")
+    _print(rows)
+    print(*files, sep="\n")
     return {
         "parameters": encoded.parameters.name,
         "derivative": args.derivative,
         "rates": rows,
-        "files": [str(path) for path in files],
+        "files": files,
     }
 
 

@@ -15,11 +15,10 @@ from fembridge.commands.options import (
     STORED_FINGER,
     Several,
     add_from,
-    add_options,
     add_output_option,
     words_of,
 )
-from fembridge.terminal import INTERRUPTED
+from fembridge.terminal import INTERRUPTED, Notes
 
 if TYPE_CHECKING:
     from fembridge.fitting.fit import Fit
@@ -35,13 +34,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     from fembridge import api
     from neural.fit_problem import DISTANCES
     from neural.models import DEFAULT_MODELS
-    from neural.parameter_sets import DEFAULT_SET, parameter_set
     from neural.search import EVALUATIONS, POPULATION, RULES
 
     defaults = ", ".join(f"{model} {name}" for name, model in DEFAULT_MODELS.items())
     rules = "; ".join(f"{name}: {sentence}" for name, sentence in RULES.items())
-    depth_um = parameter_set(DEFAULT_SET).preindent_um
-    add_options(parser, ("observed",))
+    add_from(parser, api.fit, "observed")
     add = parser.add_argument
     add(
         "--afferent",
@@ -70,11 +67,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     trains += "stimulus,afferent,repeat,spike_time_ms"
     held_out = "predict each frequency (each group) by one fit more that did not see it; takes as "
     held_out += "many times as long; `fembridge validate` shows them"
-    depth = f"depth of the probe before time 0 (default: 0 for published, else {depth_um:g})"
+    depth = "depth of the probe before time 0 (default: 0 for published, else as fitted)"
     add_from(
         parser,
         api.fit,
-        rule=(RULES, f"which candidate of the front is taken. {rules}"),
+        rule=(tuple(RULES), f"which candidate of the front is taken. {rules}"),
         thresholds=("NAME|FILE.csv", evidence),
         timing="fit the published vector strengths at 20 Hz too (timing_20hz)",
         spikes=("FILE.csv", trains),
@@ -84,8 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         spike_distance=(DISTANCES, "of spike times, both with 5 ms"),
     )
     stress = parser.add_mutually_exclusive_group()
-    add_options(stress, ("finger",), **STORED_FINGER, default=None)
-    add_options(stress, ("response",))
+    add_from(stress, api.fit, "response", finger=STORED_FINGER)
     missing = "take a table in which some stimuli have no rate of some class"
     add("--allow-missing", action="store_true", help=missing)
     add_output_option(parser, default="fit")
@@ -96,29 +92,22 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge import api
     from fembridge.fitting.fit import PARAMETERS_FILE, PICTURE_FILE, RATES_FILE, SearchBar
 
-    notes: list[str] = []
-
     with SearchBar() as bar:
-
-        def log(line: str) -> None:
-            notes.append(line)
-            bar.print(line)
-
+        notes = Notes(bar.print)
         made = api.fit(
             **words_of(args, api.fit),
             afferents=args.afferent,
             complete=not args.allow_missing,
-            log=log,
+            log=notes,
             on_progress=bar,
         )
         if not made.finished:
             classes = ", ".join(fit.afferent for fit in made.fits)
-            log(f"interrupted: the best so far of {classes} is kept, finished = false")
+            notes(f"interrupted: the best so far of {classes} is kept, finished = false")
     files = [PARAMETERS_FILE, *made.front_files, RATES_FILE, PICTURE_FILE]
-    if not args.json:
-        for fit in made.fits:
-            _print_fit(fit)
-        print(f"{', '.join(files)}: {args.output}")
+    for fit in made.fits:
+        _print_fit(fit)
+    print(f"{', '.join(files)}: {args.output}")
     return {
         "output": args.output,
         "finished": made.finished,

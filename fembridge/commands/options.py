@@ -1,23 +1,23 @@
-"""Options that verbs share, each described once; a verb names those that it takes."""
+"""Options that verbs share, and how an argument of the API becomes an option."""
 
 import argparse
-from collections.abc import Callable, Iterable, Sequence
-from inspect import signature
-from typing import TYPE_CHECKING, Any, get_args
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from inspect import Parameter, signature
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 if TYPE_CHECKING:
     from decks.probe import Probe
 
+About: TypeAlias = str | tuple[str | Iterable[str] | Mapping[str, Any], str]
+"""Help of an option; or its metavar, choices or words of argparse, and its help."""
+
 WAVE = ("dt_ms", "full_scale_um")
 STIMULUS = ("stimulus", "preindent_um", "seed", "slide_mm_per_s", *WAVE, "window_ms")
-FINGER = ("finger", "probe_shape", "probe_diameter_mm", "probe_fillet_mm", "probe_x_mm")
 SOLVING = ("whole_section", "inertia", "law")
-LIMITS = ("threads", "jobs", "time_limit", "no_cache")
-STORED_FINGER: dict[str, Any] = {
-    "choices": ("quick", "paper"),
-    "metavar": None,
-    "help": "whose stored response gives the stress (default: quick)",
-}
+LIMITS = ("threads", "jobs", "time_limit_s", "cache")
+STORED_FINGER = (("quick", "paper"), "whose stored response gives the stress (default: quick)")
 """What ``--finger`` is where nothing is solved."""
 
 
@@ -106,196 +106,137 @@ def invalid_choice(word: str, choices: Sequence[str]) -> str:
     return f"invalid choice: {word!r}, {expected}{near_hint(word, choices)}"
 
 
-_OPTIONS: dict[str, dict[str, Any]] = {
-    "stimulus": {
-        "action": Words,
-        "required": True,
-        "metavar": "ID|FILE",
-        "help": "sine_20_250, a set as noise_25_250 or all, ramp_300_100_200_100 (300 um deep "
+_SHARED: Mapping[str, About] = {
+    "stimulus": (
+        {"also": "--waveform", "action": Words, "metavar": "ID|FILE"},
+        "sine_20_250, a set as noise_25_250 or all, ramp_300_100_200_100 (300 um deep "
         "in 100 ms, held for 200, back in 100), or a waveform: .csv with time_ms and "
         "displacement_um, .wav, .npy; several as words or with commas",
-    },
-    "dt_ms": {
-        "type": float,
-        "metavar": "MS",
-        "help": "time between two samples of an .npy waveform",
-    },
-    "full_scale_um": {
-        "type": float,
-        "metavar": "UM",
-        "help": "full scale of a .wav waveform that does not hold it itself",
-    },
-    "window_ms": {
-        "type": window,
-        "metavar": "START:END",
-        "help": "count spikes after START up to END (default: the window of the stimulus; of "
-        "one's own all of it)",
-    },
-    "preindent_um": {
-        "type": float,
-        "metavar": "DEPTH",
-        "help": "depth of the probe before time 0 (default: as in the fit of the parameters)",
-    },
-    "seed": {"type": int, "help": "draw other noise than the catalogue's (>= 0)"},
-    "slide_mm_per_s": {
-        "type": float,
-        "metavar": "V",
-        "help": "the probe also slides along x from time 0 on (default: it does not)",
-    },
-    "finger": {
-        "default": "quick",
-        "metavar": "NAME|FILE.toml",
-        "help": "quick (3 100 elements), paper (17 702) or a file (default: quick)",
-    },
-    "probe_shape": {
-        "choices": ("cylinder", "flat"),
-        "default": "cylinder",
-        "help": "default: cylinder",
-    },
-    "probe_diameter_mm": {"type": float, "default": 1.0, "metavar": "D", "help": "default: 1"},
-    "probe_fillet_mm": {
-        "type": float,
-        "metavar": "R",
-        "help": "of a flat probe's edges (default: 0.1, at most a quarter of its width)",
-    },
-    "probe_x_mm": {
-        "type": float,
-        "default": 0.0,
-        "metavar": "X",
-        "help": "place of the probe across the finger (default: 0)",
-    },
-    "whole_section": {
-        "action": "store_true",
-        "help": "solve both halves of a section whose halves are mirror images (default: "
-        "the right one, for waveforms in CalculiX)",
-    },
-    "inertia": {
-        "action": "store_true",
-        "help": "the skin's mass counts while the probe follows its waveform",
-    },
-    "law": {
-        "choices": ("linear", "neo-hookean"),
-        "default": "linear",
-        "help": "of skin and tissue under large strain; the same at rest (default: linear)",
-    },
-    "observed": {
-        "required": True,
-        "metavar": "RATES.csv",
-        "help": "what to fit to: a table stimulus,afferent,rate_ips",
-    },
-    "response": {
-        "metavar": "DIR|FILE.toml",
-        "help": "or a response of your own, as `fembridge simulate` keeps it",
-    },
-    "pad": {
-        "default": "reference",
-        "metavar": "NAME|FILE.npz",
-        "help": "reference; of touch also plane, the ridged section, endless along z; or a file "
-        "(default: reference)",
-    },
-    "endings_mm": {
-        "type": float,
-        "default": 1.2,
-        "metavar": "MM",
-        "help": "around an SA or RA unit's ending are eight others, half as sensitive; it feels by "
-        "the one that is driven most (default: 1.2; 0 is a point)",
-    },
-    "sa_von_mises": {
-        "action": "store_true",
-        "help": "SA units read von Mises stress, as in the paper, in place of compression and "
-        "stretch",
-    },
-    "export": {
-        "action": Several,
-        "default": [],
-        "choices": ("npz", "mat", "nwb", "neo", "sonata"),
-        "help": "also write the spikes for other programs, see docs/recording.md",
-    },
-    "parameters": {
-        "metavar": "NAME",
-        "help": "neural parameters: published (Table 2 of the paper), fitted, or a TOML file; "
-        "what a file leaves out is that of its base (default: %(default)s)",
-    },
-    "threads": {
-        "type": int,
-        "metavar": "N",
-        "help": "threads of each run (default: OMP_NUM_THREADS, or for run 1, else all cores)",
-    },
-    "jobs": {
-        "type": int,
-        "default": 1,
-        "metavar": "N",
-        "help": "runs at the same time (default: 1)",
-    },
-    "time_limit": {
-        "type": float,
-        "dest": "time_limit_s",
-        "metavar": "S",
-        "help": "stop a run after so many seconds (default: never)",
-    },
-    "no_cache": {
-        "action": "store_false",
-        "dest": "cache",
-        "help": "solve also what was solved before on this machine",
-    },
+    ),
+    "dt_ms": ("MS", "time between two samples of an .npy waveform"),
+    "full_scale_um": ("UM", "full scale of a .wav waveform that does not hold it itself"),
+    "window_ms": (
+        {"type": window, "metavar": "START:END"},
+        "count spikes after START up to END (default: the window of the stimulus; of one's own "
+        "all of it)",
+    ),
+    "preindent_um": (
+        "DEPTH",
+        "depth of the probe before time 0 (default: as in the fit of the parameters)",
+    ),
+    "seed": "draw other noise than the catalogue's (>= 0)",
+    "slide_mm_per_s": (
+        "V",
+        "the probe also slides along x from time 0 on (default: it does not)",
+    ),
+    "finger": ("NAME|FILE.toml", "quick (3 100 elements), paper (17 702) or a file"),
+    "whole_section": "solve both halves of a section whose halves are mirror images (default: "
+    "the right one, for waveforms in CalculiX)",
+    "inertia": "the skin's mass counts while the probe follows its waveform",
+    "law": (
+        ("linear", "neo-hookean"),
+        "of skin and tissue under large strain; the same at rest",
+    ),
+    "observed": ("RATES.csv", "what to fit to: a table stimulus,afferent,rate_ips"),
+    "response": (
+        "DIR|FILE.toml",
+        "or a response of your own, as `fembridge simulate` keeps it",
+    ),
+    "pad": (
+        "NAME|FILE.npz",
+        "reference; of touch also plane, the ridged section, endless along z; or a file",
+    ),
+    "endings_mm": (
+        "MM",
+        "around an SA or RA unit's ending are eight others, half as sensitive; it feels by "
+        "the one that is driven most; 0 is a point",
+    ),
+    "sa_von_mises": "SA units read von Mises stress, as in the paper, in place of compression "
+    "and stretch",
+    "parameters": (
+        "NAME",
+        "neural parameters: published (Table 2 of the paper), fitted, or a TOML file; "
+        "what a file leaves out is that of its base",
+    ),
+    "threads": (
+        "N",
+        "threads of each run (default: OMP_NUM_THREADS, or for run 1, else all cores)",
+    ),
+    "jobs": ("N", "runs at the same time"),
+    "time_limit_s": ("S", "stop a run after so many seconds (default: never)"),
+    "cache": "solve also what was solved before on this machine",
 }
-
-
-def add_options(
-    parser: argparse._ActionsContainer,
-    names: Iterable[str],
-    **changed: Any,  # noqa: ANN401 - as argparse takes it
-) -> None:
-    """Add the shared options `names`; `changed` differs from what they share."""
-    for name in names:
-        also = ("--waveform",) if name == "stimulus" else ()
-        parser.add_argument(option(name), *also, **{**_OPTIONS[name], **changed})
+"""By argument."""
 
 
 def add_from(
     parser: argparse._ActionsContainer,
     function: Callable[..., Any],
-    **words: str | tuple[str | Iterable[str], str],
+    *shared: str,
+    **own: About,
 ) -> None:
     """Add options that are arguments of a `function` of the API: type and default are its own.
 
-    `words` are by argument its help, or its metavar or choices and its help, without the
-    default.
+    What is said of `shared` ones is here, of the verb's `own` ones in the call; the default
+    is added. One that is true by default becomes ``--no-...``.
     """
     arguments = signature(function).parameters
-    for name, text in words.items():
-        what, meaning = (None, text) if isinstance(text, str) else text
-        default, annotation = arguments[name].default, arguments[name].annotation
-        if default is False:
-            parser.add_argument(option(name), action="store_true", help=meaning)
+    for name, about in {**own, **{name: _SHARED[name] for name in shared}}.items():
+        what, meaning = (None, about) if isinstance(about, str) else about
+        default = arguments[name].default
+        if isinstance(default, bool):
+            flag, action = option(f"no_{name}" if default else name), f"store_{not default}".lower()
+            parser.add_argument(flag, action=action, dest=name, help=meaning)
             continue
-        kinds = get_args(annotation) or (annotation,)
-        how: dict[str, Any] = {"type": next((k for k in (float, int) if k in kinds), str)}
-        how |= {"metavar": what} if isinstance(what, str | None) else {"choices": tuple(what)}
+        kinds = re.findall(r"\w+", str(arguments[name].annotation))
+        how: dict[str, Any] = {"type": next((k for k in (float, int) if k.__name__ in kinds), str)}
+        if isinstance(what, Mapping):
+            how |= what
+        else:
+            how |= {"metavar": what} if isinstance(what, str | None) else {"choices": tuple(what)}
         shown = default
-        if isinstance(default, tuple):
-            how |= {"action": Several}
-            default, shown = list(default), ",".join(f"{each:g}" for each in default)
+        if default is Parameter.empty:
+            how["required"], default, shown = True, None, None
+        elif isinstance(default, tuple):
+            how["action"], default = Several, list(default)
+            shown = ",".join(f"{each:g}" for each in default)
         said = "" if shown in (None, "") else f"default: {shown}".removesuffix(".0")
-        about = f"{meaning} ({said})" if meaning and said else meaning or said
-        parser.add_argument(option(name), default=default, help=about, **how)
+        text = f"{meaning} ({said})" if meaning and said else meaning or said
+        flags = [option(name), how.pop("also", None)]
+        parser.add_argument(*filter(None, flags), default=default, dest=name, help=text, **how)
 
 
 def add_output_option(parser: argparse.ArgumentParser, default: str) -> None:
     """Where to."""
     parser.add_argument(
-        "-o", "--output", type=_folder, default=default, metavar="DIR", help=f"default: {default}"
+        "-o",
+        "--output",
+        type=_folder,
+        default=Path(default),
+        metavar="DIR",
+        help=f"default: {default}",
     )
 
 
-def option(name: str) -> str:
-    """Option that an argument of the API has on the command line."""
-    return f"--{name.replace('_', '-')}"
+def add_export_option(parser: argparse.ArgumentParser) -> None:
+    """For which programs the spikes are written."""
+    parser.add_argument(
+        "--export",
+        action=Several,
+        default=[],
+        choices=("npz", "mat", "nwb", "neo", "sonata"),
+        help="also write the spikes for other programs, see docs/recording.md",
+    )
 
 
-def words_of(args: argparse.Namespace, function: Callable[..., Any]) -> dict[str, Any]:
-    """Arguments of a `function` of the API that are options of the same names."""
-    return {name: getattr(args, name) for name in signature(function).parameters if name in args}
+def add_probe_options(parser: argparse._ActionsContainer) -> None:
+    """What the probe is: the fields of `decks.probe.Probe`, which has the defaults."""
+    add = parser.add_argument
+    add("--probe-shape", choices=("cylinder", "flat"), help="default: cylinder")
+    add("--probe-diameter-mm", type=float, metavar="D", help="default: 1")
+    edges = "of a flat probe's edges (default: 0.1, at most a quarter of its width)"
+    add("--probe-fillet-mm", type=float, metavar="R", help=edges)
+    add("--probe-x-mm", type=float, metavar="X", help="across the finger (default: 0)")
 
 
 def probe_from(args: argparse.Namespace) -> "Probe":
@@ -303,21 +244,31 @@ def probe_from(args: argparse.Namespace) -> "Probe":
     from decks.probe import Probe
     from fembridge.errors import FingerError, UsageError
 
-    if args.probe_fillet_mm is not None and args.probe_shape != "flat":
+    given = {
+        name.removeprefix("probe_"): value
+        for name, value in vars(args).items()
+        if name.startswith("probe_") and name != "probe_body" and value is not None
+    }
+    if "fillet_mm" in given and args.probe_shape != "flat":
         raise UsageError("--probe-fillet-mm is for --probe-shape flat")
     try:
-        return Probe(
-            shape=args.probe_shape,
-            diameter_mm=args.probe_diameter_mm,
-            fillet_mm=args.probe_fillet_mm,
-            x_mm=args.probe_x_mm,
-        )
+        return Probe(**given)
     except FingerError as error:
         raise UsageError(f"probe: {error}") from error
 
 
-def _folder(word: str) -> str:
+def option(name: str) -> str:
+    """Option that an argument of the API has on the command line; its limits are in s."""
+    return f"--{name.replace('limit_s', 'limit').replace('_', '-')}"
+
+
+def words_of(args: argparse.Namespace, function: Callable[..., Any]) -> dict[str, Any]:
+    """Arguments of a `function` of the API that are options of the same names."""
+    return {name: getattr(args, name) for name in signature(function).parameters if name in args}
+
+
+def _folder(word: str) -> Path:
     """Refuse an empty word, such as a variable that a script forgot to set."""
     if not word:
         raise argparse.ArgumentTypeError("expected the name of a folder, got ''")
-    return word
+    return Path(word)

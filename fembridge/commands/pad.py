@@ -9,14 +9,18 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from fembridge.commands.options import add_options
+from fembridge.commands.options import add_from, words_of
+from fembridge.solver.settings import SolverSettings
+from fembridge.terminal import log
 
 EXAMPLE = "fembridge pad --finger finger.toml -o pad.npz"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
-    add_options(parser, ("finger",))
+    from fembridge.api import simulate
+
+    add_from(parser, simulate, "finger")
     parser.add_argument(
         "--spacing-mm",
         type=float,
@@ -40,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="the section alone, in plane strain: what touches it is endless along the finger",
     )
-    add_options(parser, ("threads", "jobs", "time_limit"))
+    add_from(parser, SolverSettings, "threads", "jobs", "time_limit_s")
     parser.add_argument(
         "--runs",
         type=Path,
@@ -59,21 +63,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Make the pad; the summary says how large it is."""
-    import sys
     import tempfile
     from contextlib import ExitStack
 
     from decks.green import PLANE_ROWS, PadMesh, smooth
     from decks.presets import read_finger
     from fembridge.errors import UsageError
-    from fembridge.solver.settings import SolverSettings
     from fembridge.touching.green import solve_pad
     from fembridge.touching.pad import write_pad
 
     if args.output.suffix != ".npz":
         raise UsageError(f"{args.output}: expected a name in .npz")
     finger = read_finger(args.finger)
-    settings = SolverSettings(args.threads, args.jobs, args.time_limit_s)
     spacing_mm = args.spacing_mm
     if spacing_mm is None:
         spacing_mm = 0.0625 if args.plane else 0.25
@@ -86,14 +87,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             Path(folder),
             finger if args.ridges else smooth(finger),
             mesh,
-            settings,
-            log=lambda line: print(line, file=sys.stderr),
+            SolverSettings(**words_of(args, SolverSettings)),
+            log=log,
         )
     write_pad(args.output, pad)
     size = args.output.stat().st_size
-    if not args.json:
-        print(
-            f"{args.output}: {pad.x_mm.size} columns of skin {spacing_mm:g} mm apart, "
-            f"{pad.origin['elements']} elements, {size / 1e6:.1f} MB"
-        )
-    return {"pad": str(args.output), "bytes": size, **pad.origin}
+    print(
+        f"{args.output}: {pad.x_mm.size} columns of skin {spacing_mm:g} mm apart, "
+        f"{pad.origin['elements']} elements, {size / 1e6:.1f} MB"
+    )
+    return {"pad": args.output, "bytes": size, **pad.origin}

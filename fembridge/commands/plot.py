@@ -8,7 +8,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import FINGER, Several, Words, add_options, window
+from fembridge.commands.options import Several, Words, add_from, add_probe_options, window
 from fembridge.terminal import log
 
 if TYPE_CHECKING:
@@ -169,7 +169,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             help="print a summary a program can read",
         )
         if name == "mesh":
-            add_options(picture, FINGER)
+            from fembridge.api import simulate
+
+            add_from(picture, simulate, "finger")
+            add_probe_options(picture)
         for option, words, how in options:
             picture.add_argument(option, help=words, **how)
 
@@ -192,9 +195,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "sensitivity": _sensitivity,
     }[args.picture](args)
     save_figure(figure, args.output, MESH_DPI if args.picture == "mesh" else DPI)
-    if not args.json:
-        print(args.output)
-    return {"picture": args.picture, "file": str(args.output), **summary}
+    print(args.output)
+    return {"picture": args.picture, "file": args.output, **summary}
 
 
 def _mesh(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":

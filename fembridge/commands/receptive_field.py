@@ -10,10 +10,9 @@ The field is where the probe gives a tenth of the impulses of the hot spot, one 
 """
 
 import argparse
-from pathlib import Path
 from typing import Any
 
-from fembridge.commands.options import Several, add_from, add_options, add_output_option, words_of
+from fembridge.commands.options import Several, add_from, add_output_option, words_of
 
 EXAMPLE = "fembridge receptive-field --afferent RA --depth-um 100,200,400 -o field"
 
@@ -33,15 +32,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_from(
         parser,
         receptive_field,
+        "endings_mm",
+        "sa_von_mises",
+        "pad",
         probe_diameter_mm=("D", ""),
         depth_um=("UM", "depths, or amplitudes"),
         times_threshold=("N", "further depths, as multiples of threshold"),
         criterion=("SHARE", "share of the hot spot's impulses"),
         frequency_hz=("HZ", "the probe vibrates in place of the press"),
         step_mm=("MM", ""),
+        parameters=("NAME", "a set's name or a TOML file (default: fitted_pad)"),
     )
-    add_options(parser, ("endings_mm", "sa_von_mises", "pad"))
-    add_options(parser, ("parameters",), help="a set's name or a TOML file (default: fitted_pad)")
     add_output_option(parser, default="field")
 
 
@@ -56,26 +57,24 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.touching.pad import pad_named
 
     pad = pad_named(args.pad)
-    output = Path(args.output)
     fields = [
         receptive_field(**{**words_of(args, receptive_field), "afferent": name, "pad": pad})
         for name in args.afferent
     ]
     areas = pandas.concat([field.areas for field in fields], ignore_index=True)
     maps = pandas.concat([field.to_frame() for field in fields], ignore_index=True)
-    with filling(output, last="areas.csv") as draft:
+    with filling(args.output, last="areas.csv") as draft:
         for field in fields:
             save_figure(field_figure(field), draft / f"field_{field.afferent}.png")
         write_text(draft / "fields.csv", maps.to_csv(index=False))
         write_text(draft / "areas.csv", areas.to_csv(index=False))
     thresholds = {field.afferent: field.threshold_um for field in fields}
-    if not args.json:
-        print(areas.to_string(index=False))
-        words = ", ".join(f"{name} {depth:.3g} um" for name, depth in thresholds.items())
-        print(f"thresholds: {words}")
-        print(f"areas.csv, fields.csv, {len(fields)} pictures: {output}")
+    print(areas.to_string(index=False))
+    words = ", ".join(f"{name} {depth:.3g} um" for name, depth in thresholds.items())
+    print(f"thresholds: {words}")
+    print(f"areas.csv, fields.csv, {len(fields)} pictures: {args.output}")
     return {
-        "output": str(output),
+        "output": args.output,
         "threshold_um": thresholds,
         "areas": areas.to_dict(orient="records"),
     }

@@ -13,32 +13,33 @@ import argparse
 import os
 from typing import Any
 
-from fembridge.commands.options import LIMITS, add_options, words_of
-from fembridge.solver.settings import ITERATION_LIMIT, STALL_LIMIT_S
+from fembridge.commands.options import LIMITS, add_from, words_of
+from fembridge.terminal import SolverBars, error_line, log
 
 EXAMPLE = "fembridge run --jobs 2 runs/*"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
+    from fembridge import api
+
     parser.add_argument(
         "folders", nargs="+", metavar="DIR", help="run folder, as build-deck writes it"
     )
-    add_options(parser, LIMITS)
-    for name, kind, default, metavar, when in (
-        ("--stall-limit", float, STALL_LIMIT_S, "S", "when no file has grown for so long"),
-        ("--iteration-limit", int, ITERATION_LIMIT, "N", "an increment after so many iterations"),
-    ):
-        text = f"give up {when} (default: %(default)g)"
-        parser.add_argument(name, type=kind, default=default, metavar=metavar, help=text)
-    parser.add_argument("--force", action="store_true", help="run also where whole results are")
+    add_from(
+        parser,
+        api.run,
+        *LIMITS,
+        stall_limit_s=("S", "give up when no file has grown for so long"),
+        iteration_limit=("N", "give up an increment after so many iterations"),
+        force="run also where whole results are",
+    )
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Run; the summary has a row a folder, `exit_code` is 1 when one failed."""
     from fembridge import api
     from fembridge.errors import UsageError
-    from fembridge.terminal import SolverBars, error_line, log
 
     for folder in args.folders:
         if not os.path.lexists(folder):
@@ -46,13 +47,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     with SolverBars() as bars:
         outcomes = api.run(
             **{**words_of(args, api.run), "cache": args.cache and not args.force},
-            stall_limit_s=args.stall_limit,
             on_progress=bars,
         )
     for outcome in outcomes:
         if not outcome.accepted:
             log(error_line(" ".join(str(outcome.to_error()).split())))
-        elif not args.json:
+        else:
             print(outcome)
         for words in outcome.warnings:
             log(f"{outcome.folder}: CalculiX warned: {words}")

@@ -12,17 +12,17 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from fembridge.commands.options import (
-    FINGER,
     LIMITS,
     SOLVING,
     STIMULUS,
+    add_export_option,
     add_from,
-    add_options,
     add_output_option,
+    add_probe_options,
     probe_from,
     words_of,
 )
-from fembridge.terminal import MOST_LINES, log
+from fembridge.terminal import MOST_LINES, Notes, SolverBars
 
 if TYPE_CHECKING:
     from fembridge.simulation import Simulation
@@ -34,18 +34,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
     from fembridge.api import simulate
 
-    add_options(parser, (*STIMULUS, *FINGER, *SOLVING, *LIMITS))
-    add_options(parser, ("parameters",), default="fitted")
-    add_output_option(parser, default="out")
-    add_options(parser, ("export",))
+    add_from(parser, simulate, *STIMULUS, "finger")
+    add_probe_options(parser)
     how = "interpolate in one indentation, or solve each waveform; auto is the map where stress "
     add_from(
         parser,
         simulate,
+        *SOLVING,
+        *LIMITS,
+        "parameters",
         element=(("CPE4", "CPE4R", "CPE8R"), "element of the finger"),
         method=(("auto", "map", "transient"), f"{how}depends on depth alone"),
         stored="take the stored response even where ccx is installed",
     )
+    add_output_option(parser, default="out")
+    add_export_option(parser)
     add = parser.add_argument
     yes = "solve transients also where that takes more than ten minutes"
     add("--yes", action="store_true", help=yes)  # in Python nobody is asked
@@ -55,8 +58,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Simulate; the summary holds the rates."""
-    from pathlib import Path
-
     from decks.presets import finger_table, read_finger
     from fembridge.api import simulate
     from fembridge.recording import Recording, export, require_libraries
@@ -67,32 +68,23 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         TRACES_FILE,
         check_finger,
     )
-    from fembridge.terminal import SolverBars
 
     require_libraries(args.export)
-    output = Path(args.output)
     # A map is of the finger as it is at once.
-    check_finger(output, finger_table(read_finger(args.finger).at_once()))
-    notes: list[str] = []
-
-    def note(line: str) -> None:
-        notes.append(line)
-        log(line)
-
+    check_finger(args.output, finger_table(read_finger(args.finger).at_once()))
+    notes = Notes()
     with SolverBars() as bars:
         words = {**words_of(args, simulate), "probe": probe_from(args)}
-        simulation = simulate(**words, log=note, on_progress=bars)
-    simulation.write(output, plot=not args.no_plot)
-    exported = export(Recording.of(simulation), output, args.export) if args.export else []
-    if args.no_plot and (output / RASTER_FILE).is_file():
-        (output / RASTER_FILE).unlink()  # of other spikes than those beside it
-    if not args.json:
-        _print_rates(simulation)
-        raster = "" if args.no_plot else f", {RASTER_FILE}"
-        files = ", ".join((RATES_FILE, SPIKES_FILE, TRACES_FILE, *exported))
-        print(f"{files}{raster}: {output}")
+        simulation = simulate(**words, log=notes, on_progress=bars)
+    simulation.write(args.output, plot=not args.no_plot)
+    exported = export(Recording.of(simulation), args.output, args.export) if args.export else []
+    if args.no_plot:  # of other spikes than those beside it
+        (args.output / RASTER_FILE).unlink(missing_ok=True)
+    _print_rates(simulation)
+    files = [RATES_FILE, SPIKES_FILE, TRACES_FILE, *exported, *[RASTER_FILE] * (not args.no_plot)]
+    print(f"{', '.join(files)}: {args.output}")
     return {
-        "output": str(output),
+        "output": args.output,
         "method": simulation.origin["method"],
         "parameters": simulation.origin.get("parameter_set", ""),
         "notes": notes,

@@ -16,7 +16,7 @@ import os
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import WAVE, Words, add_options, option, words_of
+from fembridge.commands.options import WAVE, Words, add_from, option, words_of
 from fembridge.terminal import log
 
 if TYPE_CHECKING:
@@ -31,6 +31,8 @@ EXAMPLE = "fembridge stimuli --export csv sine_20_250,noise_25_250 -o waveforms/
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
+    from fembridge.api import build_deck
+
     add = parser.add_argument
     word = "sine_20_250, a set as sine_20, noise or all, a waveform's path; commas join several"
     add("ids", nargs="*", metavar="ID|FILE", help=word)
@@ -42,8 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     place = "file for one stimulus, folder for several (default: current folder)"
     add("-o", "--output", metavar="PATH", help=place)
-    add_options(parser, ("preindent_um",), help="depth of the probe before time 0 (default: 0)")
-    add_options(parser, ("seed", *WAVE))
+    depth = "depth of the probe before time 0 (default: 0)"
+    add_from(parser, build_deck, "seed", *WAVE, preindent_um=("DEPTH", depth))
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -64,16 +66,14 @@ def _list(args: argparse.Namespace) -> dict[str, Any]:
 
     files, entries = stimuli.named(args.ids) if args.ids else ((), stimuli.CATALOGUE)
     own = _made(args, files) if files else []
-    if not args.json:
-        for one in own:
-            start, end = one.window_ms
-            print(
-                f"{one.id}  {one.displacement_um.size} samples, {one.displacement_um.min():g} to "
-                f"{one.deepest_um:g} um, counted in {start:g}-{end:g} ms  ({one.origin['file']})"
-            )
-        if entries:
-            lines = _entry_lines(entries) if args.ids else _catalogue_lines()
-            print(*lines, sep="\n")
+    for one in own:
+        start, end = one.window_ms
+        print(
+            f"{one.id}  {one.displacement_um.size} samples, {one.displacement_um.min():g} to "
+            f"{one.deepest_um:g} um, counted in {start:g}-{end:g} ms  ({one.origin['file']})"
+        )
+    if entries:
+        print(*(_entry_lines(entries) if args.ids else _catalogue_lines()), sep="\n")
     records: list[dict[str, Any]] = [
         {"id": one.id, **one.origin, "window_ms": list(one.window_ms), "in_appendix": False}
         for one in own
@@ -172,7 +172,7 @@ def _export(args: argparse.Namespace) -> dict[str, Any]:
         files.append(
             {
                 "id": stimulus.id,
-                "file": str(path),
+                "file": path,
                 "format": args.export,
                 "samples": stimulus.displacement_um.size,
                 "dt_ms": stimulus.dt_ms,
@@ -181,8 +181,7 @@ def _export(args: argparse.Namespace) -> dict[str, Any]:
                 "full_scale_um": scale_um,
             }
         )
-        if not args.json:
-            print(path, *([] if scale_um is None else [f"(32767 is {scale_um!r} um)"]))
+        print(path, *([] if scale_um is None else [f"(32767 is {scale_um!r} um)"]))
     if not args.json and len(files) > 1:
         log(f"{len(files)} files")
     return {"count": len(files), "files": files}

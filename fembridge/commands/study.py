@@ -11,7 +11,7 @@ import argparse
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import STORED_FINGER, Several, add_options, add_output_option
+from fembridge.commands.options import STORED_FINGER, Several, add_from, add_output_option
 from fembridge.terminal import INTERRUPTED, log
 
 if TYPE_CHECKING:
@@ -27,7 +27,9 @@ PICTURE_FILE = "study.png"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
-    add_options(parser, ("observed",))
+    from fembridge.api import fit
+
+    add_from(parser, fit, "observed")
     add = parser.add_argument
     numbers: dict[str, Any] = {"type": int, "metavar": "N"}
     add(
@@ -48,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     tried = "candidates that each search tries (default: %(default)d)"
     add("--evaluations", **numbers, default=10_000, help=tried)
     add("--jobs", **numbers, default=1, help="processes (default: 1)")
-    add_options(parser, ("finger",), **STORED_FINGER)
+    add_from(parser, fit, finger=STORED_FINGER)
     add_output_option(parser, default="study")
 
 
@@ -63,10 +65,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.plots.style import save_figure
     from fembridge.store import check_output, filling, write_text
 
-    output = Path(args.output)
     observed = read_observed(Path(args.observed))
     cases = _cases_from(args, observed)
-    check_output(output, studies.CASES_FILE, studies.SUMMARY_FILE, PICTURE_FILE)
+    check_output(args.output, studies.CASES_FILE, studies.SUMMARY_FILE, PICTURE_FILE)
     done = count(1)
 
     def on_case(trials: "pandas.DataFrame") -> None:
@@ -80,7 +81,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     study = studies.study_models(
         observed,
-        stored_source(args.finger).response,
+        stored_source(args.finger or "quick").response,
         cases,
         seeds=args.seeds,
         evaluations=args.evaluations,
@@ -91,13 +92,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if not study.finished:
         log(f"interrupted: {tried} of {len(cases)} cases are kept")
     summary = studies.summary_text(study)
-    with filling(output, last=studies.SUMMARY_FILE) as draft:
+    with filling(args.output, last=studies.SUMMARY_FILE) as draft:
         studies.write_cases(draft / studies.CASES_FILE, study)
         save_figure(study_figure(study), draft / PICTURE_FILE)
         write_text(draft / studies.SUMMARY_FILE, summary)
-    if not args.json:
-        print(summary)
-        print(f"{studies.CASES_FILE}, {studies.SUMMARY_FILE}, {PICTURE_FILE}: {output}")
+    print(summary)
+    print(f"{studies.CASES_FILE}, {studies.SUMMARY_FILE}, {PICTURE_FILE}: {args.output}")
     best = {name: study.ranked(name)[0] for name in study.unfitted}
     return {
         "output": args.output,

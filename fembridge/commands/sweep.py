@@ -10,7 +10,9 @@ does not stop the others; the exit code is then 1.
 import argparse
 from typing import Any
 
-from fembridge.commands.options import add_options, add_output_option, words_of
+from fembridge.commands.options import add_from, add_output_option, words_of
+from fembridge.solver.settings import SolverSettings
+from fembridge.terminal import error_line, log
 
 EXAMPLE = "fembridge sweep study.toml -o sweep --jobs 4"
 
@@ -19,7 +21,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
     parser.add_argument("study", metavar="STUDY.toml", help="what is to be swept")
     add_output_option(parser, default="sweep")
-    add_options(parser, ("jobs",), help="processes on this machine (default: 1)")
+    threads = "threads of each solver (default: OMP_NUM_THREADS, or the cores are shared; 1 with "
+    threads += "--scheduler)"
+    jobs = "processes on this machine"
+    add_from(parser, SolverSettings, jobs=("N", jobs), threads=("N", threads))
     parser.add_argument(
         "--executor",
         choices=("local", "dask"),
@@ -31,20 +36,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="tcp://HOST:PORT",
         help="of a dask cluster (default: a cluster of --jobs processes, made here)",
     )
-    add_options(
-        parser,
-        ("threads",),
-        help="threads of each solver (default: OMP_NUM_THREADS, or the cores are shared; "
-        "1 with --scheduler)",
-    )
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Sweep; the summary counts, and lists what failed."""
-    from pathlib import Path
-
     from fembridge.sweeps.sweep import sweep
-    from fembridge.terminal import error_line, log
 
     done = sweep(**words_of(args, sweep), shows=True)
     failed, items = done.failed, len(done.plan.items)
@@ -52,21 +48,20 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         first = failed[0]
         cause = f"{len(failed)} of {items} items failed, first {first}: {done.causes[first.key]}"
         log(error_line(cause))
-    if not args.json:
-        before = f", {done.before} of them before" if done.before else ""
-        print(
-            f"{items - len(failed)} of {items} items done{before}; "
-            f"{done.results.name} ({done.rows} rows): {args.output}"
-        )
+    before = f", {done.before} of them before" if done.before else ""
+    print(
+        f"{items - len(failed)} of {items} items done{before}; "
+        f"{done.results.name} ({done.rows} rows): {args.output}"
+    )
     return {
         "output": args.output,
-        "results": str(Path(args.output) / done.results.name),
+        "results": args.output / done.results.name,
         "rows": done.rows,
         "items": items,
         "done": items - len(failed),
         "finished_before": done.before,
         "failed": [
-            {"item": str(item), "run": str(item.place), "cause": done.causes[item.key]}
+            {"item": str(item), "run": item.place, "cause": done.causes[item.key]}
             for item in failed
         ],
         "exit_code": 1 if failed else 0,

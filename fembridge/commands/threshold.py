@@ -12,7 +12,6 @@ from fembridge.commands.options import (
     STORED_FINGER,
     Several,
     add_from,
-    add_options,
     add_output_option,
     words_of,
 )
@@ -44,12 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="LOW:HIGH|F,F,...",
         help="third octaves of a range, or frequencies, from 2 to 800 (default: 2:800)",
     )
-    add_options(parser, ("parameters",), default="fitted")
     depth = "depth of the probe before time 0 (default: that of the parameters' fit)"
-    add_from(parser, api.thresholds, preindent_um=("DEPTH", depth))
+    add_from(parser, api.thresholds, "parameters", preindent_um=("DEPTH", depth))
     stress = parser.add_mutually_exclusive_group()
-    add_options(stress, ("finger",), **STORED_FINGER, default=None)
-    add_options(stress, ("response",))
+    add_from(stress, api.thresholds, "response", finger=STORED_FINGER)
     add(
         "--thresholds",
         metavar="NAME|FILE.csv",

@@ -17,7 +17,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from fembridge.commands.options import add_from, add_options, add_output_option, words_of
+from fembridge.commands.options import add_export_option, add_from, add_output_option, words_of
 
 EXAMPLE = "fembridge touch --shape braille:text=b --press-n 0.3 -o out"
 
@@ -47,20 +47,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         pins=("CSV", "in place of a shape, pins x_mm,z_mm,diameter_mm,stimulus"),
     )
     how = parser.add_argument_group("how it moves")
-    add_options(how, ("stimulus",), action="store", required=False, help="its depth: sine_20_250")
-    add_options(how, ("preindent_um",))
     add_from(
         how,
         touch,
+        "preindent_um",
+        stimulus=({"also": "--waveform", "metavar": "ID|FILE"}, "its depth: sine_20_250"),
         press_um=("UM", "to this depth, or"),
         press_n=("N", "with this force: ramp and hold"),
         ramp_ms=("MS", ""),
         hold_ms=("MS", ""),
-    )
-    add_options(how, ("slide_mm_per_s",), help="slides at this speed, pressed all the time")
-    add_from(
-        how,
-        touch,
+        slide_mm_per_s=("V", "slides at this speed, pressed all the time"),
         direction_deg=("DEG", "0 is to the right, 90 towards the tip"),
         duration_ms=("MS", ""),
         path=("CSV", "time_ms,x_mm,z_mm and depth_um or force_n"),
@@ -68,10 +64,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     who = parser.add_argument_group("who feels it")
     words = "fingertip, grid, line, one_each (as fingertip:seed=3) or a table "
     words += "unit,afferent,x_mm,z_mm,depth_mm"
-    add_from(who, touch, population=("NAME|FILE", words))
-    add_options(who, ("endings_mm", "sa_von_mises", "pad"))
     parameters = "a set's name or a TOML file (default: fitted_pad, of a plane pad fitted)"
-    add_options(who, ("parameters",), help=parameters)
+    add_from(
+        who,
+        touch,
+        "endings_mm",
+        "sa_von_mises",
+        "pad",
+        population=("NAME|FILE", words),
+        parameters=("NAME", parameters),
+    )
     add_from(
         who,
         touch,
@@ -91,7 +93,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="also a moving picture, touch.gif or another .gif or .mp4",
     )
-    add_options(parser, ("export",))
+    add_export_option(parser)
     parser.add_argument("--no-plot", action="store_true", help="draw no pictures")
 
 

@@ -10,7 +10,7 @@ import shlex
 import sys
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import add_options, add_output_option, words_of
+from fembridge.commands.options import add_from, add_output_option, words_of
 
 if TYPE_CHECKING:
     from fembridge.report.validate import Validation
@@ -25,6 +25,8 @@ _PARAMETERS = "fitted"  # neural.parameter_sets.DEFAULT_SET, which takes NumPy t
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
+    from fembridge import api
+
     add_output_option(parser, default=_FOLDER)
     parser.add_argument(
         "--observed",
@@ -40,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="3 100 or 17 702 elements, or a finger of your own, which is solved "
         f"(default: {_FINGER})",
     )
-    add_options(skin, ("response",))
+    add_from(skin, api.validate, "response")
     parser.add_argument(
         "--parameters",
         default=_PARAMETERS,

@@ -1,5 +1,6 @@
 """The doctor, and how the solver is found."""
 
+import importlib.metadata
 import json
 import re
 import tomllib
@@ -127,13 +128,13 @@ def test_a_missing_need_is_exit_1_and_a_missing_extra_is_not(bin_folder, monkeyp
 
 
 def test_a_package_that_is_too_old_is_said_with_both_versions(monkeypatch):
-    monkeypatch.setattr(machine.importlib.metadata, "version", lambda name: "1.25.9")
+    monkeypatch.setattr(importlib.metadata, "version", lambda name: "1.25.9")
     check = check_package("numpy")
     assert check.state == "missing"
     assert check.found == "1.25.9, older than 2.0"
-    monkeypatch.setattr(machine.importlib.metadata, "version", lambda name: "2.0.0")
+    monkeypatch.setattr(importlib.metadata, "version", lambda name: "2.0.0")
     assert check_package("numpy").state == "ok"
-    monkeypatch.setattr(machine.importlib.metadata, "version", lambda name: "2.0rc1")
+    monkeypatch.setattr(importlib.metadata, "version", lambda name: "2.0rc1")
     assert check_package("numpy").state == "ok"
 
 

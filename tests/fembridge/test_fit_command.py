@@ -268,9 +268,8 @@ def test_the_published_drive_is_fitted_without_pre_indentation(call, tmp_path, u
     assert record(tmp_path)["preindent_um"] == 30.0
 
 
-def test_a_model_of_one_class_leaves_the_others_out(call, tmp_path, capsys, undrawn):
-    summary = call("--drive", "two_way", "--cells", "3", "--json")
-    assert capsys.readouterr().out == ""
+def test_a_model_of_one_class_leaves_the_others_out(call, tmp_path, undrawn):
+    summary = call("--drive", "two_way", "--cells", "3")
     assert list(summary["afferents"]) == ["RA"]
     assert summary["afferents"]["RA"]["parameters"]["drive"] == "two_way"
     assert summary["notes"][0] == "SA left out: model 'two_way' is of RA"

@@ -52,6 +52,7 @@ def test_import_loads_numpy_and_nothing_heavier(tmp_path):
 def test_verbs_that_only_tell_something_load_no_numpy(tmp_path):
     told = ["--help", "--version", "stimuli", "stimuli --help", "stimuli sine_20 --json"]
     told += ["doctor --help", "plot --help", "plot mesh --help"]
+    told += ["simulate --help", "encode --help", "build-deck --help", "run --help"]
     steps = [f"main({words.split()!r})" for words in told]
     steps[0] = f"from fembridge.cli import main; {steps[0]}"
     assert_not_loaded(HEAVY | {"numpy"}, steps, tmp_path)
