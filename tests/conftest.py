@@ -58,7 +58,6 @@ S
 {request}
 *END STEP
 """
-STRETCH = "*BOUNDARY\n3, 2, 2, 0.01\n4, 2, 2, 0.01"
 PATCH_PARTS = {
     "nodes": "1, 2, 3, 4",
     "model": "** no more",
@@ -131,6 +130,18 @@ def _no_power_cut():
         if not CI:
             patch.setattr(os, "fsync", lambda handle: None)
         yield
+
+
+@pytest.fixture
+def file(tmp_path):
+    """Write a text or bytes to a file of this name, and give its path."""
+
+    def write(name, content):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
 
 
 @pytest.fixture

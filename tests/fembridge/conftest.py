@@ -1,7 +1,26 @@
-"""What tests of pictures share."""
+"""What tests of pictures share, and those of commands that are refused."""
 
 import numpy as np
 import pytest
+
+from fembridge.cli import main
+
+
+@pytest.fixture
+def refused(tmp_path, monkeypatch, capsys):
+    """Run a command in the test's folder: one line that says `found`, and no file is written."""
+    monkeypatch.chdir(tmp_path)
+
+    def check(words, found, code=2):
+        before = sorted(tmp_path.rglob("*"))
+        assert main([str(word) for word in words]) == code
+        out, err = capsys.readouterr()
+        assert found in err
+        assert (out, err.count("\n")) == ("", 1), err
+        assert sorted(tmp_path.rglob("*")) == before
+        return err
+
+    return check
 
 
 @pytest.fixture

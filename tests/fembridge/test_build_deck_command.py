@@ -22,39 +22,23 @@ def here(tmp_path, monkeypatch):
 
 
 def test_a_set_gives_a_folder_a_level(here, capsys):
-    assert main(["build-deck", "--stimulus", "noise_25_250", "-o", "runs"]) == 0
-
+    words = ["build-deck", "--stimulus", "noise_25_250", "-o", "runs"]
+    assert main(words) == 0
     streams = capsys.readouterr()
     folders = [f"runs/noise_25_250_{level}" for level in LEVELS]
     assert streams.out.splitlines() == [f"{folder}  520 increments of 0.5 ms" for folder in folders]
     assert streams.err == ""
-    assert sorted(path.name for path in (here / "runs").iterdir()) == sorted(
-        folder.removeprefix("runs/") for folder in folders
-    )
-    for folder in folders:
-        run = read_run_folder(here / folder)
-        assert f"runs/{run.inputs['stimulus']['id']}" == folder
-        assert sha256_of(here / folder / "job.inp") == run.deck_sha256
-
-
-def test_the_summary_lists_the_folders(here, capsys):
-    assert main(["build-deck", "--stimulus", "sine_20_250", "--json"]) == 0
-
+    assert sorted(f"runs/{path.name}" for path in (here / "runs").iterdir()) == sorted(folders)
+    assert main([*words, "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
-    run = read_run_folder(here / "runs/sine_20_250")
-    assert summary == {
-        "finger": "quick",
-        "solver": "calculix",
-        "folders": [
-            {
-                "stimulus": "sine_20_250",
-                "folder": "runs/sine_20_250",
-                "increments": 520,
-                "deck_sha256": run.deck_sha256,
-            }
-        ],
-        "exit_code": 0,
-    }
+    assert (summary["finger"], summary["solver"]) == ("quick", "calculix")
+    for shown, folder in zip(summary["folders"], folders, strict=True):
+        run = read_run_folder(here / folder)
+        assert sha256_of(here / folder / "job.inp") == run.deck_sha256
+        assert shown == {
+            **{"stimulus": run.inputs["stimulus"]["id"], "folder": folder},
+            **{"increments": 520, "deck_sha256": run.deck_sha256},
+        }
 
 
 @pytest.mark.parametrize(
@@ -110,14 +94,8 @@ def test_options_arrive_in_the_deck_and_its_record(here, words, inputs):
         (["--frames", "-1"], 2, "frames is -1, expected 1 or more"),
     ],
 )
-def test_what_no_deck_can_hold_is_one_line_and_nothing_is_written(here, capsys, words, code, found):
-    assert main(["build-deck", "--stimulus", "sine_20_250", *words]) == code
-
-    streams = capsys.readouterr()
-    assert found in streams.err
-    assert streams.err.count("\n") == 1
-    assert streams.out == ""
-    assert list(here.iterdir()) == []
+def test_what_no_deck_can_hold_is_one_line_and_nothing_is_written(refused, words, code, found):
+    refused(["build-deck", "--stimulus", "sine_20_250", *words], found, code)
 
 
 def test_help_shows_an_example_that_runs(here, capsys):

@@ -122,19 +122,11 @@ def test_traces_that_start_unloaded_are_named_where_the_fit_had_a_pre_indentatio
     ],
 )
 def test_what_cannot_be_encoded_ends_in_one_line_and_no_files(
-    here, capsys, table, words, code, message
+    here, refused, table, words, code, message
 ):
-    (here / "energy.toml").write_text(
-        'base = "published"\n[SA]\ndrive = "energy"\n', encoding="utf-8"
-    )
+    (here / "energy.toml").write_text('base = "published"\n[SA]\ndrive = "energy"\n', "utf-8")
     write_traces(here / "table.csv", table)
-
-    assert main(["encode", "table.csv", *words]) == code
-
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
-    assert not (here / "encoded").exists()
+    refused(["encode", "table.csv", *words], message, code)
 
 
 def spikes_by(path):

@@ -1,5 +1,7 @@
 """Observed rates: a table comes back as it was, or is refused with the line and what it has."""
 
+from functools import partial
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -14,18 +16,6 @@ from fembridge.tables import AFFERENTS, Rate, read_rates, write_rates
 HEADER = "stimulus,afferent,rate_ips\n"
 IDS = [entry.id for entry in CATALOGUE]
 OWN_IDS = ["sine_600_10", "sine_40_100", "diharm_10_50_20_20", "noise_30_200_7"]
-
-
-@pytest.fixture
-def table(tmp_path):
-    """Write a text or bytes as a table and give its path."""
-
-    def write(content):
-        path = tmp_path / "observed.csv"
-        path.write_bytes(content.encode() if isinstance(content, str) else content)
-        return path
-
-    return write
 
 
 @st.composite
@@ -62,6 +52,12 @@ def test_rates_come_back_bit_for_bit_however_the_classes_are_mixed(tmp_path_fact
         order = [stimuli.index(each) for each in back.stimuli]
         np.testing.assert_array_equal(back.rate_ips, rate_ips[order])
         assert sorted(back.rates(), key=repr) == sorted(read_rates(path), key=repr)
+
+
+@pytest.fixture
+def table(file):
+    """Write a text or bytes as a table and give its path."""
+    return partial(file, "observed.csv")
 
 
 def test_ids_come_back_as_the_catalogue_spells_them(table):

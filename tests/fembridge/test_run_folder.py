@@ -4,14 +4,11 @@ import math
 import tomllib
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import tomli_w
 
 from fembridge.errors import ResultError
 from fembridge.run_folder import AfferentNode, RunFolder, read_run_folder, read_waveform
-from fembridge.stimulus import Stimulus
-from fembridge.stimulus_file import write_csv
 
 PLACES = (
     AfferentNode("SA", 25, "epidermis", 0.0, -0.61, 0.61),
@@ -117,17 +114,6 @@ def test_a_key_that_is_absent_or_holds_what_no_run_has_is_named(tmp_path, table,
         read_run_folder(tmp_path)
     assert caught.value.path == tmp_path / "run.toml"
     assert key in caught.value.problem
-
-
-def test_the_waveform_comes_back_to_the_last_bit(tmp_path):
-    depth_um = np.random.default_rng(5).standard_normal(501)
-    stimulus = Stimulus("mine", depth_um, 0.5, (5.0, 250.0))
-
-    write_csv(stimulus, tmp_path / "stimulus.csv")
-    times_ms, read_um = read_waveform(tmp_path)
-
-    np.testing.assert_array_equal(times_ms, stimulus.times_ms)
-    np.testing.assert_array_equal(read_um, depth_um)
 
 
 @pytest.mark.parametrize(

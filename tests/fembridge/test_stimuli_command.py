@@ -148,10 +148,5 @@ def test_preindentation_and_seed_reach_the_file_and_the_summary(tmp_path, capsys
         (["--export", "csv", "sine_20_250", "--preindent-um", "nan"], "got nan"),
     ],
 )
-def test_misuse_is_2_and_writes_nothing(tmp_path, monkeypatch, capsys, words, shown):
-    monkeypatch.chdir(tmp_path)
-    assert main(["stimuli", *words]) == 2
-    streams = capsys.readouterr()
-    assert shown in streams.err
-    assert streams.out == ""
-    assert list(tmp_path.iterdir()) == []
+def test_misuse_is_2_and_writes_nothing(refused, words, shown):
+    refused(["stimuli", *words], shown)

@@ -1,6 +1,7 @@
 """Tables that come back as they were written, and tables that are refused."""
 
 import pickle
+from functools import partial
 
 import numpy as np
 import pytest
@@ -18,18 +19,6 @@ from fembridge.tables import (
 from fembridge.trace import StressTrace, Traces
 
 HEADER = "time_ms,afferent,node,von_mises_pa\n"
-
-
-@pytest.fixture
-def table(tmp_path):
-    """Write a text or bytes as a table and give its path."""
-
-    def write(content):
-        path = tmp_path / "table.csv"
-        path.write_bytes(content.encode() if isinstance(content, str) else content)
-        return path
-
-    return write
 
 
 def refusal(read, path):
@@ -57,6 +46,12 @@ def test_a_trace_comes_back_bit_for_bit(tmp_path_factory, stress_pa, start_ms, a
     np.testing.assert_array_equal(back.stress_pa, trace.stress_pa)
     np.testing.assert_array_equal(back.times_ms, trace.times_ms)
     assert (back.node, back.afferent, back.dt_ms) == (17, afferent, 0.5)
+
+
+@pytest.fixture
+def table(file):
+    """Write a text or bytes as a table and give its path."""
+    return partial(file, "table.csv")
 
 
 def test_rows_of_several_nodes_may_be_mixed_and_columns_in_any_order(table):

@@ -30,17 +30,6 @@ def test_rates_of_known_parameters_are_found_again(ra_run):
     assert_allclose(fit.parameters.step_pa, 7000.0, rtol=0.1)
 
 
-def test_stimuli_that_were_not_fitted_are_judged_as_unseen(ra_run):
-    [fit] = ra_run.fits
-    families = {entry.family for entry in fit.unseen.entries}
-    assert families == {"diharm", "noise"}
-    assert not fit.unseen.seen
-    assert fit.fitted.seen
-    assert {entry.family for entry in fit.fitted.entries} == {"sine"}
-    assert fit.unseen.total.rmse_ips < 5.0
-    assert [judged.seen for judged in fit.judged] == [True, False]
-
-
 def test_rates_made_by_table_2_are_its_own_without_any_pre_indentation(table, response):
     from fembridge.observed import read_observed
 

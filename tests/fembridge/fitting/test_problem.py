@@ -11,18 +11,10 @@ from fembridge.fitting.problem import fit_problem, group_of
 from neural.models import model_named
 
 
-@pytest.mark.parametrize(
-    ("stimulus", "group", "level"),
-    [
-        ("sine_20_250", "20 Hz", 250.0),
-        ("diharm_10_50_50_20", "10+50 Hz", 50.0),
-        ("noise_5_25_30", "5-25 Hz", 30.0),
-    ],
-)
-def test_a_stimulus_is_in_the_group_of_its_frequencies(stimulus, group, level):
-    [entry] = resolve(stimulus)
-    assert group_of(entry) == group
-    assert entry.level_um == level
+def test_a_stimulus_is_in_the_group_of_its_frequencies():
+    entries = resolve(["sine_20_250", "diharm_10_50_50_20", "noise_5_25_30"])
+    assert [group_of(entry) for entry in entries] == ["20 Hz", "10+50 Hz", "5-25 Hz"]
+    assert [entry.level_um for entry in entries] == [250.0, 50.0, 30.0]
 
 
 def test_stress_rates_and_windows_are_those_of_each_stimulus(observed, response):

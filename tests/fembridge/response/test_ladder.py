@@ -52,18 +52,6 @@ def test_a_contact_that_does_not_converge_is_left_and_told(tmp_path, model, play
     assert response.origin["drive"] == "spring"
 
 
-def test_a_contact_that_does_not_come_back_is_left_and_told(
-    tmp_path, model, player, path_dependent
-):
-    path_dependent.add("contact_1")
-    shown = []
-
-    solve_response(tmp_path, model, log=shown.append)
-
-    assert player.numbers == [1, 2]
-    assert shown[1] == f"left {LADDER[0]}: unloading differs from loading by 17 %"
-
-
 @pytest.mark.parametrize("cause", [Cause.NO_SOLVER, Cause.DISK_FULL, Cause.INTERRUPTED])
 def test_what_another_contact_does_not_cure_ends_the_ladder(tmp_path, model, player, cause):
     """No solver, a full disk, an interrupt: five times the same would not help."""

@@ -17,7 +17,7 @@ from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.errors import ResponseError
 from fembridge.response.response_map import FOLDER, read_map, stored_response
-from fembridge.results.stress import energy_stress_pa, von_mises_pa
+from fembridge.results.stress import energy_stress_pa
 from fembridge.stimulus import Stimulus
 from neural import PUBLISHED
 from neural.models import model_named
@@ -26,19 +26,6 @@ from neural.models import model_named
 def stimulus_of(depth_um):
     depth_um = np.asarray(depth_um, dtype=np.float64)
     return Stimulus("mine", depth_um, 0.5, (0.0, 0.5 * (depth_um.size - 1)))
-
-
-def test_at_its_own_levels_a_map_is_exact(made_map):
-    """The deepest closes the last polynomial: there, to the last bits."""
-    response = made_map()
-
-    found_pa = response.tensors(response.depth_um)
-
-    assert_array_equal(found_pa[:-1], response.tensor_pa[:-1])
-    assert_allclose(found_pa[-1], response.tensor_pa[-1], rtol=1e-14)
-    for column, trace in enumerate(response.traces(stimulus_of(response.depth_um))):
-        stress_pa = von_mises_pa(response.tensor_pa[:, column])
-        assert_array_equal(trace.stress_pa[:-1], stress_pa[:-1])
 
 
 @given(lifted_um=st.lists(st.floats(-500.0, 0.0), min_size=2, max_size=20))
@@ -92,17 +79,6 @@ def test_what_does_not_belong_together_is_no_map(made_map, changes):
 RESPONSE = read_map(FOLDER / "quick.toml")
 STIMULUS = make_stimulus(resolve("sine_20_250")[0], preindent_um=50.0)
 ENERGY = {name: model_named("energy", name) for name in ("SA", "RA", "PC")}
-
-
-def test_models_that_read_von_mises_stress_get_the_traces_of_the_response():
-    expected = RESPONSE.traces(STIMULUS)
-    rising = {name: model_named("rising", name) for name in ("SA", "RA")}
-    for models in ({}, rising, PUBLISHED):
-        found = RESPONSE.traces(STIMULUS, models)
-        assert [t.afferent for t in found] == [t.afferent for t in expected]
-        for one, other in zip(found, expected, strict=True):
-            assert_array_equal(one.stress_pa, other.stress_pa)
-            assert (one.node, one.dt_ms, one.start_ms) == (other.node, other.dt_ms, other.start_ms)
 
 
 def test_an_energy_takes_poisson_s_ratio_of_the_layer_of_its_afferent():

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -166,20 +166,6 @@ def test_files_of_other_programs_are_read(block, write_frd, of_block, of_file, r
         path.write_bytes(content.replace(replaced, b" " * 33 + b"0"))
     _, tensor_pa = read_values(path, [1], AS_IS)
     assert tensor_pa[:, 0].tolist() == [[-2.5, -1.5, -0.5, 0.5, 1.5, 2.5]] * 2
-
-
-@settings(deadline=None)
-@given(dt_ms=st.floats(0.05, 2.0), samples=st.integers(3, 150), start=st.integers(1, 50))
-def test_rounding_of_printed_times_does_not_make_an_even_step_uneven(
-    block, write_frd, dt_ms, samples, start
-):
-    times_s = (np.arange(samples) + start) * dt_ms / 1e3
-    rows = [(1, [1.0] * 6)]
-    times_ms, _ = read_values(
-        write_frd([block("STRESS", k, time_s, rows) for k, time_s in enumerate(times_s, 1)]), [1]
-    )
-    steps_ms = np.diff(times_ms)
-    assert steps_ms.max() - steps_ms.min() <= 1e-9 * times_ms[-1]
 
 
 def test_a_node_between_two_layers_is_refused_by_name(samples):

@@ -5,6 +5,7 @@ each label, six digits, tabs); the second and third are as programs say that rea
 """
 
 import csv
+from functools import partial
 
 import numpy as np
 import pytest
@@ -58,15 +59,9 @@ def read_plot(path):
 
 
 @pytest.fixture
-def text(tmp_path):
+def text(file):
     """A function that writes a text and gives its path."""
-
-    def write(content, encoding="utf-8"):
-        path = tmp_path / "plot.txt"
-        path.write_bytes(content.encode(encoding))
-        return path
-
-    return write
+    return partial(file, "plot.txt")
 
 
 def test_a_copied_table_has_a_trace_for_each_node_that_its_labels_name(text):

@@ -2,6 +2,7 @@
 
 import os
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -165,15 +166,9 @@ def sections_of(path, options=None):
 
 
 @pytest.fixture
-def dat(tmp_path):
+def dat(file):
     """A function that writes a ``.dat`` and gives its path."""
-
-    def write(text):
-        path = tmp_path / "job.dat"
-        path.write_text(text)
-        return path
-
-    return write
+    return partial(file, "job.dat")
 
 
 @pytest.mark.parametrize(

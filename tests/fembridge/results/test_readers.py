@@ -21,15 +21,6 @@ from fembridge.run_folder import AfferentNode, RunFolder, read_run_folder
 from fembridge.store import sha256_of
 
 
-def test_traces_come_in_the_order_asked_for_in_pa_and_ms(samples):
-    """Values of the sample's expected.json, in MPa there."""
-    first, second = read(samples / "cpe4_bin_f64.frd", [25, 11])
-    assert (first.node, second.node) == (25, 11)
-    assert (first.dt_ms, first.start_ms, first.afferent) == (0.5, 0.5, None)
-    assert first.stress_pa[0] == pytest.approx(9209.340, rel=1e-6)
-    assert second.stress_pa[-1] == pytest.approx(2484.529, rel=1e-6)
-
-
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [

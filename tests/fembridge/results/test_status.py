@@ -3,6 +3,7 @@
 import csv
 import os
 from dataclasses import astuple, fields
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -15,22 +16,20 @@ from fembridge.results.read_options import ReadOptions
 from fembridge.results.status import CvgRow, StaRow, StsRow, read_cvg, read_sta, read_sts
 
 
-def test_increments_of_a_run_are_listed_in_ms(samples):
+def test_rows_of_a_recorded_run_are_listed_in_ms(samples):
+    """Of one step, of two, where numbers begin again, and of an attempt that failed."""
     rows = read_sta(samples / "cpe4_ascii.sta")
     assert rows[-1] == StaRow(1, 4, 1, False, 5, 2.0, 2.0, 0.5)
     assert [row.increment for row in rows] == [1, 2, 3, 4]
-
-
-def test_increment_numbers_begin_again_in_a_second_step(samples):
     rows = read_sta(samples / "cpe4_2step_mixed.sta")
     assert [(row.step, row.increment) for row in rows][-2:] == [(2, 1), (2, 2)]
     assert (rows[-1].total_time_ms, rows[-1].step_time_ms) == (3.0, 1.0)
-
-
-def test_a_failed_attempt_keeps_the_time_at_its_start(samples):
-    rows = read_sta(samples / "cpe4_diverged.sta")
-    assert [row.failed for row in rows] == [False, True]
-    assert (rows[1].total_time_ms, rows[1].increment_time_ms) == (0.5, 0.5)
+    good, failed = read_sta(samples / "cpe4_diverged.sta")
+    assert (good.failed, failed.failed) == (False, True)
+    assert (failed.total_time_ms, failed.increment_time_ms) == (0.5, 0.5)
+    iterations = read_cvg(samples / "cpe4_ascii.cvg")
+    assert iterations[0] == CvgRow(1, 1, 1, 1, 112, 412.6, 100.0, 0.0, 0.0)
+    assert len([row for row in iterations if row.increment == 1]) == 5
 
 
 @pytest.mark.parametrize(
@@ -60,12 +59,6 @@ def test_cut_at_any_byte_the_rows_are_those_of_whole_lines(samples, tmp_path, na
         headers = 2 if name.endswith("sta") else 4
         complete = max(0, whole[:size].count(b"\n") - headers)
         assert read_rows(path) == rows[:complete]
-
-
-def test_iterations_of_a_run_are_listed(samples):
-    rows = read_cvg(samples / "cpe4_ascii.cvg")
-    assert rows[0] == CvgRow(1, 1, 1, 1, 112, 412.6, 100.0, 0.0, 0.0)
-    assert len([row for row in rows if row.increment == 1]) == 5
 
 
 @pytest.mark.parametrize("read_rows", [read_sta, read_cvg])
@@ -101,18 +94,6 @@ END = """
 """
 
 
-@pytest.fixture
-def sts(tmp_path):
-    """A function that writes a ``.sts`` and gives its path."""
-
-    def write(text):
-        path = tmp_path / "job.sts"
-        path.write_bytes(text.encode("latin-1"))
-        return path
-
-    return write
-
-
 @pytest.mark.parametrize(
     ("name", "count", "cycles", "cut_backs", "greatest_mm"),
     [
@@ -130,6 +111,12 @@ def test_a_real_job_is_read_to_its_end(name, count, cycles, cut_backs, greatest_
     assert last.total_time_ms == 1000.0
     assert last.displacement_max_mm == greatest_mm
     assert [row.increment for row in found.rows] == list(range(count))
+
+
+@pytest.fixture
+def sts(file):
+    """A function that writes a ``.sts`` and gives its path."""
+    return partial(file, "job.sts")
 
 
 def test_a_job_that_runs_or_was_killed_says_how_far_it_is(sts):

@@ -23,25 +23,17 @@ def test_a_good_run_says_what_it_cost_and_then_that_it_is_there(make_run, capsys
         assert ("has the results" in capsys.readouterr().out) is is_there
 
 
-def test_one_bad_folder_is_one_line_and_exit_code_1(make_run, capsys):
+def test_one_bad_folder_is_one_line_and_exit_code_1_and_json_names_its_cause(make_run, capsys):
     good, bad = make_run("normal", "good"), make_run("bad_deck", "wrong")
 
     assert main(["run", str(bad), str(good), "--jobs", "2"]) == 1
-
     out, err = capsys.readouterr()
-    assert out.count("\n") == 1
-    assert out.startswith(str(good))
-    assert err.count("\n") == 1
-    assert err.startswith(f"fembridge: {bad}: ")
-
-
-def test_json_is_all_that_stdout_holds(make_run, capsys):
-    good, bad = make_run("normal", "good"), make_run("bad_deck", "wrong")
+    assert (out.count("\n"), err.count("\n")) == (1, 1)
+    assert out.startswith(str(good)) and err.startswith(f"fembridge: {bad}: ")
 
     assert main(["run", str(bad), str(good), "--json"]) == 1
-
     summary = json.loads(capsys.readouterr().out)
-    assert (summary["count"], summary["failed"], summary["skipped"]) == (2, 1, 0)
+    assert (summary["count"], summary["failed"], summary["skipped"]) == (2, 1, 1)
     first, second = summary["runs"]
     assert (first["folder"], first["ok"], first["cause"]) == (str(bad), False, "bad_deck")
     assert (second["ok"], second["increments"], second["problem"]) == (True, 4, None)

@@ -54,15 +54,6 @@ def test_another_deck_another_program_or_no_cache_is_solved(fake_ccx, make_run):
     assert not solve(make_run(name="later")).cached
 
 
-def test_a_damaged_entry_is_solved_again(fake_ccx, make_run, folder):
-    solve(make_run(name="first"))
-    [entry] = cache.entries()
-    (entry.folder / "job.frd").write_bytes(b"other stress")
-    outcome = solve(make_run(name="second"))
-    assert outcome.accepted
-    assert not outcome.cached
-
-
 def test_what_the_solver_gave_up_is_remembered_with_its_cause(fake_ccx, make_run):
     first, second = (make_run("diverged", name=name) for name in ("first", "second"))
     failure = solve(first).failure
@@ -80,6 +71,11 @@ def test_a_limit_of_the_users_is_no_result(fake_ccx, make_run):
     assert cache.entries() == []
 
 
+def test_a_time_in_words():
+    times_s = (0.2, 9.7, 41.3, 240, 20_500, 500_000)
+    assert [in_words(s) for s in times_s] == ["1 s", "10 s", "41 s", "4 min", "5.7 h", "140 h"]
+
+
 def test_a_forecast_learns_from_the_runs_in_the_cache(fake_ccx, make_run, tmp_path):
     unknown_s = increment_s(3100)
     file = tmp_path / "job.frd"
@@ -89,19 +85,3 @@ def test_a_forecast_learns_from_the_runs_in_the_cache(fake_ccx, make_run, tmp_pa
     assert increment_s(3100) == pytest.approx(4.0)
     assert increment_s(6200) == pytest.approx(4.0 * 2**1.15)
     assert 0 < unknown_s < 4.0
-
-
-@pytest.mark.parametrize(
-    ("seconds", "words"),
-    [
-        (9.7, "10 s"),
-        (500_000, "140 h"),
-        (0.2, "1 s"),
-        (7.4, "7 s"),
-        (41.3, "41 s"),
-        (240, "4 min"),
-        (20_500, "5.7 h"),
-    ],
-)
-def test_a_time_in_words(seconds, words):
-    assert in_words(seconds) == words

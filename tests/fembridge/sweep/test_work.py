@@ -14,7 +14,7 @@ from fembridge.response.indentation import LADDER
 from fembridge.store import folder_lock
 from fembridge.sweeps import Study, Variant
 from fembridge.sweeps import work as module
-from fembridge.sweeps.study import ladder_of, study_from
+from fembridge.sweeps.study import ladder_of
 from fembridge.sweeps.sweep import plan_of
 from fembridge.sweeps.work import STUDY_FILE, Item, Response, work
 from neural import parameter_set
@@ -82,15 +82,6 @@ def test_two_sets_of_cells_and_two_choices_of_stimuli_read_one_solve():
     ]
     assert by_id[0].items() <= by_id[1].items()
     assert len(solves[1]) > len(solves[0])
-
-
-def test_what_a_variant_does_not_change_has_the_value_of_its_base():
-    table = {
-        "stimuli": ["sine_20_250"],
-        "fingers": ["paper", {"grid": {"skin": {"dermis_mm": [1.0, 1.2]}}}],
-    }
-    plan = plan_of(study_from(table, None), CCX)
-    assert plan.rows["skin.dermis_mm"].tolist()[::3] == [1.1, 1.0, 1.2]
 
 
 def test_what_is_asked_of_the_contact_is_put_into_every_rung():

@@ -47,20 +47,6 @@ def path(plane, write_post):
     return write_post(writer.Storage(), plane.model(sets=SETS), increments)
 
 
-def test_a_stress_field_has_the_nodes_inside_layers_and_says_what_it_left(path, plane):
-    said = []
-    field = read_field(path, "Stress", "1", ReadOptions(log=said.append))
-    between = {n for n in plane.bearing if plane.nodes[n][0] == 2.0}
-    assert set(field.nodes.tolist()) == plane.bearing - between
-    assert f"left out: {len(between)} nodes lie between layers" in "; ".join(said)
-    assert (field.increment, field.components) == (1, ("SXX", "SYY", "SZZ", "SXY", "SYZ", "SZX"))
-    assert field.time_ms == pytest.approx(1.0)
-    for node, values in zip(field.nodes.tolist(), field.values, strict=True):
-        x, y = plane.nodes[node]
-        exact = 1e6 * np.array(linear_stress(x, y, int(x > 2), 0.001))
-        assert_allclose(values, exact, rtol=0, atol=1e3)
-
-
 def test_a_nodal_field_has_all_nodes_but_those_of_pressure(path, plane):
     field = read_field(path, "disp", "2")
     assert field.name == "Displacement"

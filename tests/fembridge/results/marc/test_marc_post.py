@@ -5,6 +5,7 @@ import os
 import struct
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import post_writer as writer
@@ -350,16 +351,6 @@ Displacement
 """
 
 
-@pytest.fixture
-def write_text(tmp_path):
-    def write(text):
-        path = tmp_path / "job.t19"
-        path.write_bytes(text.encode())
-        return path
-
-    return write
-
-
 def check_two_nodes(post):
     assert (post.problem, post.remarks) == (None, [])
     mesh = post.mesh
@@ -371,6 +362,12 @@ def check_two_nodes(post):
     moved = post.nodal_values(0, "Displacement")
     assert moved.tolist() == [[0.1, 0.2], [3e99, -0.4]]
     assert post.increments[0].time_s == 2.5
+
+
+@pytest.fixture
+def write_text(file):
+    """A function that writes a ``.t19`` and gives its path."""
+    return partial(file, "job.t19")
 
 
 @pytest.mark.parametrize(
