@@ -62,6 +62,14 @@ class Mesh:
         rows = np.sort(first[count == 1])
         return nodes[rows], element[rows], face[rows]
 
+    def pad(self) -> IntArray:
+        """Rows of the nodes on the pad, the upper half of the outline, from left to right."""
+        edge, _, _ = self.outline()
+        node = np.unique(edge)
+        node = node[self.node_mm[node, 1] > 0.5 * self.node_mm[:, 1].min()]
+        ordered: IntArray = node[np.argsort(self.node_mm[node, 0], kind="stable")]
+        return ordered
+
     def with_midsides(self) -> tuple[FloatArray, IntArray]:
         """Nodes ``(M, 2)`` and quads of eight nodes ``(E, 8)``, mid-sides last."""
         nodes, _, _ = self.edges()

@@ -123,10 +123,7 @@ def mesh_probe(
         The probe stands beside the pad, or comes there on its way along x, `way_mm`.
     """
     outer = probe.lower_side() + np.array([probe.x_mm, 0.0])
-    edges, _, _ = skin.outline()
-    pad = np.unique(edges)  # the upper half of the outline, from left to right
-    pad = pad[skin.node_mm[pad, 1] > 0.5 * skin.node_mm[:, 1].min()]
-    pad = pad[np.argsort(skin.node_mm[pad, 0], kind="stable")]
+    pad = skin.pad()
     pad_mm = skin.node_mm[pad]
     first_mm, last_mm = outer[0, 0] + way_mm[0], outer[-1, 0] + way_mm[1]
     if first_mm < pad_mm[0, 0] or last_mm > pad_mm[-1, 0]:

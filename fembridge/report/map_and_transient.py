@@ -156,7 +156,7 @@ def _mapped(runs: Runs, name: str, model: Model) -> tuple[ResponseMap, Attempt]:
     stimulus = indentation()
     model = replace(model, support="prescribed")  # as `solve_response` has it
     attempt = runs.attempt(f"map/{name}", model, stimulus).accepted()
-    response = measured_response(attempt.run, stimulus.times_ms, stimulus.displacement_um)
+    response = measured_response(attempt.run, stimulus)
     return response, attempt
 
 

@@ -263,11 +263,9 @@ def _problem(element: str) -> tuple[PlaneProblem, IntArray]:
     """Problem, and the layer of each element."""
     mesh = mesh_of(QUICK)
     fixed = Model(QUICK, mesh).analysis(down()).fixed_row
-    edge, _, _ = mesh.outline()
-    skin = np.unique(edge)
-    near = np.abs(mesh.node_mm[skin, 0]) <= PRESSED_HALF_MM + 1e-9
-    pad = mesh.node_mm[skin, 1] > 0.5 * mesh.node_mm[:, 1].min()
-    moved = np.concatenate([fixed, skin[near & pad]])
+    pad = np.sort(mesh.pad())
+    near = np.abs(mesh.node_mm[pad, 0]) <= PRESSED_HALF_MM + 1e-9
+    moved = np.concatenate([fixed, pad[near]])
     moved_mm = np.zeros((len(moved), 2))
     moved_mm[len(fixed) :, 1] = -PRESSED_MM
     node_mm, nodes = mesh.with_midsides() if element == "CPE8R" else (mesh.node_mm, mesh.quad)

@@ -206,7 +206,7 @@ def read_indented(attempt: Attempt, model: Model, stimulus: Stimulus) -> Indente
     """Result of an accepted run, with the state at rest in front."""
     run = attempt.run
     nodes = [place.node for place in run.afferents]
-    pressed = read_pressed(run, stimulus.times_ms, [*nodes, run.apex_node])
+    pressed = read_pressed(run, stimulus, [*nodes, run.apex_node])
     touching = _SPRINGS.findall((run.folder / LOG_FILE).read_text("utf-8", "replace"))
     return Indented(
         elements=len(model.mesh.quad),

@@ -31,7 +31,7 @@ from fembridge.solver.ccx import solve_once
 from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.stimulus import Stimulus
 from fembridge.store import read_sealed, remove_file, write_sealed
-from fembridge.typing import FloatArray, IntArray, Table
+from fembridge.typing import FloatArray, Table
 
 FORMAT = 1
 PROFILE_FILE = "deflection.toml"
@@ -183,8 +183,7 @@ def build_press(folder: Path, press: Model, stimulus: Stimulus) -> RunFolder:
         "elements": len(mesh.quad),
         "mesh_sha256": hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest(),
     }
-    watched = _surface_of(mesh)
-    return build_run_folder(folder, press, stimulus, watched=watched, made_from=made_from)
+    return build_run_folder(folder, press, stimulus, watched=mesh.pad(), made_from=made_from)
 
 
 def solve_deflection(
@@ -215,20 +214,11 @@ def solve_deflection(
     return deflection
 
 
-def _surface_of(mesh: Mesh) -> IntArray:
-    """Rows of the nodes on the pad's surface, from left to right."""
-    edge, _, _ = mesh.outline()
-    node = np.unique(edge)
-    pad = node[mesh.node_mm[node, 1] > 0.5 * mesh.node_mm[:, 1].min()]
-    ordered: IntArray = pad[np.argsort(mesh.node_mm[pad, 0], kind="stable")]
-    return ordered
-
-
 def _measured(run: RunFolder, press: Model, stimulus: Stimulus) -> Deflection:
     """Read the run, and accept it, or say why not."""
-    surface = _surface_of(press.mesh)
+    surface = press.mesh.pad()
     depth_mm = stimulus.displacement_um * _MM_PER_UM
-    _, moved_mm, force_n_per_mm = read_pressed(run, stimulus.times_ms, (surface + 1).tolist())
+    _, moved_mm, force_n_per_mm = read_pressed(run, stimulus, (surface + 1).tolist())
     x_mm, down_mm = press.mesh.node_mm[surface, 0], -moved_mm[-1, :, 1]
     apex_mm = float(down_mm[surface == run.apex_node - 1][0])
     distance_mm, deflection_mm, unlike_mm = both_sides(x_mm, down_mm)

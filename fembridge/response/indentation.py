@@ -43,7 +43,7 @@ from fembridge.results.byte_file import ByteFile
 from fembridge.results.frd import FrdIndex, values_at
 from fembridge.results.printed import read_node_print
 from fembridge.results.stress import clear_shear, von_mises_pa
-from fembridge.run_folder import RunFolder, read_run_folder, read_waveform
+from fembridge.run_folder import RunFolder
 from fembridge.solver.ccx import solve_once
 from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.solver.verdict import Cause, Outcome
@@ -205,7 +205,7 @@ def solve_response(
                 raise outcome.to_error()
             return outcome, ResponseError(str(outcome.failure))
         try:
-            return outcome, measured_response(run, stimulus.times_ms, stimulus.displacement_um)
+            return outcome, measured_response(run, stimulus)
         except ResponseError as error:
             return outcome, error
 
@@ -360,15 +360,8 @@ def judge(
     return closure, ResponseError(problem) if problem else None
 
 
-def recorded_response(folder: Path) -> ResponseMap:
-    """The response of the run in `folder`, whose waveform is read as well."""
-    return measured_response(read_run_folder(folder), *read_waveform(folder))
-
-
-def measured_response(run: RunFolder, times_ms: FloatArray, depth_um: FloatArray) -> ResponseMap:
-    """Read the results of an indentation and accept it, or say why not.
-
-    `times_ms` and `depth_um` ``(T,)`` are its waveform, the rest state first.
+def measured_response(run: RunFolder, stimulus: Stimulus) -> ResponseMap:
+    """Read the results of the indentation `stimulus` and accept it, or say why not.
 
     Raises
     ------
@@ -380,8 +373,8 @@ def measured_response(run: RunFolder, times_ms: FloatArray, depth_um: FloatArray
     if not run.afferents:
         raise ResultError("run.toml names no afferent, expected one or more", run.folder)
     nodes = [place.node for place in run.afferents]
-    pressed = read_pressed(run, times_ms, [*nodes, run.apex_node])
-    tensor_pa = pressed.tensor_pa[:, :-1]
+    pressed = read_pressed(run, stimulus, [*nodes, run.apex_node])
+    depth_um, tensor_pa = stimulus.displacement_um, pressed.tensor_pa[:, :-1]
     shear_pa = float(np.abs(tensor_pa[..., IN_PLANE:]).max())
     if shear_pa > _NO_SHEAR * float(np.abs(tensor_pa).max()):
         raise ResultError(
@@ -413,12 +406,12 @@ class Pressed(NamedTuple):
     force_n_per_mm: FloatArray
 
 
-def read_pressed(run: RunFolder, times_ms: FloatArray, nodes: Sequence[int]) -> Pressed:
+def read_pressed(run: RunFolder, stimulus: Stimulus, nodes: Sequence[int]) -> Pressed:
     """Stress and displacement at `nodes`, and the force of the skin on the probe.
 
-    `times_ms` ``(T,)`` are those of the waveform, the rest state first, which no solver writes.
-    The deck is ours, so there is no unit, material or relaxing skin to ask for, as
-    `fembridge.results.read` does.
+    The first sample of the `stimulus` is the rest state, which no solver writes. The deck is
+    ours, so there is no unit, material or relaxing skin to ask for, as `fembridge.results.read`
+    does.
 
     Raises
     ------
@@ -433,13 +426,13 @@ def read_pressed(run: RunFolder, times_ms: FloatArray, nodes: Sequence[int]) -> 
             raise ResultError(problem, run.results)
         for name in ("STRESS", "DISP"):
             blocks = index.named(name)
-            check_times(np.array([one.time_ms for one in blocks]), times_ms, run.results)
+            check_times(np.array([one.time_ms for one in blocks]), stimulus, run.results)
             found.append(values_at(file, blocks, nodes))
     tensor_mpa, moved_mm = found
     clear_shear(tensor_mpa, nodes, run.on_axis)
     printed = run.folder / f"{JOB}.dat"
     force_ms, _, total_n = read_node_print(printed, "total force", _PROBE_SET)
-    check_times(force_ms, times_ms, printed)
+    check_times(force_ms, stimulus, printed)
     force_n = total_n[:, 0, 1]
     if not all(np.isfinite(one).all() for one in (tensor_mpa, moved_mm, force_n)):
         raise ResultError("stress, displacement or force is not finite", run.results)
@@ -449,9 +442,9 @@ def read_pressed(run: RunFolder, times_ms: FloatArray, nodes: Sequence[int]) -> 
     return Pressed(*(np.concatenate([np.zeros_like(one[:1]), one]) for one in found))
 
 
-def check_times(found_ms: FloatArray, times_ms: FloatArray, path: Path) -> None:
-    """Refuse results at other times than those of the waveform behind the rest state."""
-    expected_ms = times_ms[1:]
+def check_times(found_ms: FloatArray, stimulus: Stimulus, path: Path) -> None:
+    """Refuse results at other times than those of the `stimulus` behind the rest state."""
+    expected_ms = stimulus.times_ms[1:]
     if found_ms.size != expected_ms.size:
         raise ResultError(f"{found_ms.size} increments, expected {expected_ms.size}", path)
     off = np.abs(found_ms - expected_ms) > _TIME_TOLERANCE * expected_ms[-1]

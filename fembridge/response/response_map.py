@@ -9,7 +9,7 @@ recorded run ``fixtures/response_NAME`` of the repository gave, and
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -63,7 +63,7 @@ class ResponseMap:
     force_n_per_mm: FloatArray
     places: tuple[AfferentNode, ...]
     closure_percent: float
-    origin: Mapping[str, object] = field(default_factory=dict)
+    origin: Mapping[str, Any] = field(default_factory=dict)
     _curve: "PchipInterpolator | None" = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -167,15 +167,13 @@ class ResponseMap:
 
     def poisson_at(self, place: AfferentNode) -> float:
         """Poisson's ratio of the layer in which an afferent lies."""
-        found: object = self.origin
-        for key in ("finger", "materials", place.layer, "poisson"):
-            found = found.get(key) if isinstance(found, Mapping) else None
-        if isinstance(found, bool) or not isinstance(found, int | float):
+        try:
+            return float(self.origin["finger"]["materials"][place.layer]["poisson"])
+        except (KeyError, TypeError, ValueError) as error:
             raise ResponseError(
                 f"the response has no Poisson's ratio of {place.layer}, in which "
                 f"{place.afferent} lies: no energy can be taken of its stress"
-            )
-        return float(found)
+            ) from error
 
 
 def reading_energy(models: Models) -> str | None:

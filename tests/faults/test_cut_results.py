@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from fembridge.errors import FembridgeError
-from fembridge.response.indentation import recorded_response
+from fembridge.response.indentation import measured_response
 from fembridge.run_folder import read_run_folder, read_waveform
+from fembridge.simulation import stimuli_in
 from fembridge.solver.ccx import run_folders
 from fembridge.solver.verdict import Cause, SolverLog, judge
 
@@ -56,7 +57,8 @@ def test_a_result_file_that_ends_in_zeros_is_not_accepted(solved):
 
 
 def test_forces_cut_anywhere_are_refused_or_were_not_needed(solved):
-    whole = recorded_response(solved)
+    of = read_run_folder(solved), *stimuli_in(solved).stimuli
+    whole = measured_response(*of)
     dat = solved / "job.dat"
     content = dat.read_bytes()
     refused = 0
@@ -64,7 +66,7 @@ def test_forces_cut_anywhere_are_refused_or_were_not_needed(solved):
     for size in places_to_cut(len(content.rstrip())):
         dat.write_bytes(content[:size])
         try:
-            found = recorded_response(solved)
+            found = measured_response(*of)
         except FembridgeError:
             refused += 1
         else:

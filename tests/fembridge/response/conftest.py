@@ -110,10 +110,10 @@ def path_dependent(monkeypatch):
     names = {f"frictionless_{number}" for number in range(1, 10)}
     measured = indentation.measured_response
 
-    def judge(run, *waveform):
+    def judge(run, stimulus):
         if run.folder.name in names:
             raise HysteresisError("unloading differs from loading by 17 %", 17.0)
-        return measured(run, *waveform)
+        return measured(run, stimulus)
 
     monkeypatch.setattr(indentation, "measured_response", judge)
     return names

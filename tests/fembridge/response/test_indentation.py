@@ -20,11 +20,12 @@ from fembridge.response.indentation import (
     depth_for,
     indentation,
     judge,
-    recorded_response,
+    measured_response,
 )
 from fembridge.response.response_map import FOLDER, read_map, write_map
 from fembridge.results.readers import read_values
 from fembridge.run_folder import read_run_folder, read_waveform
+from fembridge.simulation import stimuli_in
 from fembridge.trace import PA_PER_MPA
 
 DEPTH_UM = indentation().displacement_um
@@ -118,6 +119,10 @@ def test_a_run_that_compares_nothing_proves_nothing(depth_um):
 
 FIXTURES = Path(__file__).parents[3] / "fixtures"
 RECORDED = sorted(path.parent for path in FIXTURES.glob("*/RUN.toml"))
+
+
+def recorded_response(folder):
+    return measured_response(read_run_folder(folder), *stimuli_in(folder).stimuli)
 
 
 @pytest.fixture
