@@ -155,7 +155,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def _run(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
     from fembridge.errors import UsageError
     from fembridge.results.byte_file import suffix_of
-    from fembridge.results.printed import describe_print
     from fembridge.results.readers import PRINTS
 
     path, suffix = result.path, suffix_of(result.path)
@@ -168,7 +167,7 @@ def _run(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
     kind = _kind(args, result, printed)
     foreign = kind == "traces" and result.run is None
     if kind == "list" or (foreign and _nothing_chosen(args, result)):
-        held = describe_print(path) if suffix in PRINTS else result.source.describe()
+        held = result.source.describe()
         ways = [] if kind == "list" else _ways(args, result)
         if not args.json:
             _show(path, held)
@@ -177,11 +176,11 @@ def _run(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
     if args.output and kind not in ("field", "vtu") and args.output.suffix.lower() != ".csv":
         raise UsageError(f"{args.output}: a table is written as .csv, name it so")
     write = {
-        "traces": _traces, "point": _traces, "sides": _sides, "table": _table, "plot": _plot,
-        "field": _field, "vtu": _vtu,
+        "traces": _traces, "point": _traces, "sides": _sides, "table": _table, "field": _field,
+        "vtu": _vtu,
     }[kind]  # fmt: skip
     summary, words, rows = write(args, result)
-    if kind != "plot" and (suffix not in PRINTS or suffix == ".dat"):
+    if kind != "table" or suffix == ".dat":
         ours = kind == "traces" and result.run is not None
         words += _units_taken(args, result.options, summary, ours)
     if not args.json:
@@ -211,7 +210,7 @@ def _units_taken(
 
 
 def _kind(args: argparse.Namespace, result: "Result", printed: bool) -> str:
-    """What is asked for: list, vtu, field, table, plot, point, sides or traces."""
+    """What is asked for: list, vtu, field, table, point, sides or traces."""
     from fembridge.errors import UsageError
     from fembridge.results.byte_file import suffix_of
 
@@ -251,7 +250,7 @@ def _kind(args: argparse.Namespace, result: "Result", printed: bool) -> str:
     if whole or word == "--point":
         return word.removeprefix("--")
     if not word and path.suffix.lower() == ".txt":
-        return "traces" if result.source.describe()["over_time"] else "plot"
+        return "traces" if result.source.describe()["over_time"] else "table"
     return "table" if printed else "traces"
 
 
@@ -431,38 +430,25 @@ def _sides(args: argparse.Namespace, result: "Result") -> Written:
 
 
 def _table(args: argparse.Namespace, result: "Result") -> Written:
-    """The prints of a solver as a table."""
+    """The prints of a solver, or a plot saved from Mentat, as a table."""
     from fembridge.errors import UsageError
     from fembridge.results.byte_file import suffix_of
-    from fembridge.results.printed import write_print_table
-    from fembridge.results.readers import PRINTS
 
     path, suffix = result.path, suffix_of(result.path)
-    quantity = _one_quantity(args, path)
+    quantity, plot = _one_quantity(args, path), suffix == ".txt"
     if quantity and suffix != ".dat":
         raise UsageError(f"{path}: --quantity is of a .dat")
-    output: Path = args.output or Path(f"{path.stem}_{suffix[1:]}.csv")
-    columns, rows = write_print_table(path, output, result.options, quantity)
+    output: Path = args.output or Path(f"{path.stem}_{'plot' if plot else suffix[1:]}.csv")
+    columns, rows = result.source.write_table(output, quantity)
     summary = {
         "output": str(output),
-        "format": PRINTS[suffix],
+        "format": result.source.format,
         "rows": rows,
         "columns": list(columns),
-        "stress_unit": result.options.stress_unit,
     }
-    return summary, f"{rows} rows", []
-
-
-def _plot(args: argparse.Namespace, result: "Result") -> Written:
-    """A plot saved from Mentat as a table, number by number."""
-    from fembridge.results.mentat import PlotSource
-
-    assert isinstance(result.source, PlotSource)
-    columns = result.source.describe()["columns"]
-    output: Path = args.output or Path(f"{result.path.stem}_plot.csv")
-    rows = result.source.write_table(output)
-    summary = {"output": str(output), "format": "mentat-plot", "rows": rows, "columns": columns}
-    return summary, f"{rows} rows of {', '.join(columns)}; numbers as in the file", []
+    if plot:
+        return summary, f"{rows} rows of {', '.join(columns)}; numbers as in the file", []
+    return summary | {"stress_unit": result.options.stress_unit}, f"{rows} rows", []
 
 
 def _field(args: argparse.Namespace, result: "Result") -> Written:

@@ -23,7 +23,7 @@ its size agrees with the printed time, it is taken: so it is with the fixed incr
 """
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -31,11 +31,10 @@ import numpy as np
 
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.byte_file import text_lines
-from fembridge.results.dat_section import TABLE, DatSection
+from fembridge.results.dat_section import TABLE, DatSection, Wanted
 from fembridge.results.fields import numbers_near
 from fembridge.results.history import History, of_samples
 from fembridge.results.read_options import ReadOptions, in_pa
-from fembridge.results.source import Source
 from fembridge.results.status import fortran
 from fembridge.results.stress import von_mises_pa
 from fembridge.trace import MS_PER_S
@@ -57,50 +56,44 @@ _FAMILIES = {"S": "stresses", "MISES": "von mises stress", "U": "displacements",
              "LE": "strains", "RF": "forces", "COOR": "global coordinates"}  # fmt: skip
 
 
-class AbaqusSource(Source):
-    """Stress at nodes, averaged over elements by Abaqus."""
+def nodal_stress(path: Path, nodes: Sequence[int] | None, options: ReadOptions) -> History:
+    """Von Mises stress at `nodes`, in that order, averaged over elements by Abaqus.
 
-    def stress(self, nodes: Sequence[int] | None) -> History:
-        """Von Mises stress at `nodes`, in that order.
-
-        Of a node in several tables, whose means are over other elements each, the one of its
-        own afferent's elements is taken where ``run.toml`` says which that is.
-        """
-        if nodes is None:
-            raise UsageError(f"{self.path}: it gives stress at nodes that are named")
-        path, options = self.path, self.options
-        own = {node: f"AROUND_{name}".upper() for node, name in options.classes.items()}
-        wanted = (MISES_AT_NODES, STRESSES_AT_NODES)
-        sections = list(abaqus_sections(path, lambda quantity, _: quantity in wanted, options))
-        if not sections:
-            words = "no stress averaged at nodes in it: *EL PRINT, POSITION=AVERAGED AT NODES"
+    Of a node in several tables, whose means are over other elements each, the one of its
+    own afferent's elements is taken where ``run.toml`` says which that is.
+    """
+    if nodes is None:
+        raise UsageError(f"{path}: it gives stress at nodes that are named")
+    own = {node: f"AROUND_{name}".upper() for node, name in options.classes.items()}
+    wanted = (MISES_AT_NODES, STRESSES_AT_NODES)
+    sections = list(abaqus_sections(path, lambda quantity, _: quantity in wanted, options))
+    if not sections:
+        words = "no stress averaged at nodes in it: *EL PRINT, POSITION=AVERAGED AT NODES"
+        raise ResultError(words, path)
+    samples: dict[int, dict[str, list[tuple[float, float]]]] = {node: {} for node in nodes}
+    held = {one.quantity for one in sections}
+    for one in sections:
+        if one.quantity == STRESSES_AT_NODES and MISES_AT_NODES in held:
+            continue
+        stress = in_pa(one.values, options, path)
+        stress = von_mises_pa(stress) if stress.shape[1] > 1 else stress[:, 0]
+        for node, value in zip(one.labels[:, 0].tolist(), stress.tolist(), strict=True):
+            if node in samples:
+                samples[node].setdefault(one.set_name, []).append((one.time_ms, value))
+    options.note("a .dat has four digits, too few for the drive of PC: the .odb has more")
+    taken = []
+    for node in nodes:
+        sets = samples[node]
+        name = own.get(node, "") if own.get(node, "") in sets else next(iter(sets), "")
+        if not sets:
+            known = np.unique(np.concatenate([one.labels[:, 0] for one in sections]))
+            words = f"no stress at node {node}; near it {numbers_near(known, node)}"
             raise ResultError(words, path)
-        samples: dict[int, dict[str, list[tuple[float, float]]]] = {node: {} for node in nodes}
-        held = {one.quantity for one in sections}
-        for one in sections:
-            if one.quantity == STRESSES_AT_NODES and MISES_AT_NODES in held:
-                continue
-            stress = in_pa(one.values, options, path)
-            stress = von_mises_pa(stress) if stress.shape[1] > 1 else stress[:, 0]
-            for node, value in zip(one.labels[:, 0].tolist(), stress.tolist(), strict=True):
-                if node in samples:
-                    samples[node].setdefault(one.set_name, []).append((one.time_ms, value))
-        options.note("a .dat has four digits, too few for the drive of PC: the .odb has more")
-        taken = []
-        for node in nodes:
-            sets = samples[node]
-            name = own.get(node, "") if own.get(node, "") in sets else next(iter(sets), "")
-            if not sets:
-                known = np.unique(np.concatenate([one.labels[:, 0] for one in sections]))
-                words = f"no stress at node {node}; near it {numbers_near(known, node)}"
-                raise ResultError(words, path)
-            if own.get(node) not in sets and len(sets) > 1:
-                words = f"node {node} is in the tables of {' and '.join(sets)}, a mean over other"
-                raise ResultError(
-                    f"{words} elements each, and no run.toml says which is its own", path
-                )
-            taken.append((node, np.array(sets[name])))
-        return of_samples(taken, path)
+        if own.get(node) not in sets and len(sets) > 1:
+            words = f"node {node} is in the tables of {' and '.join(sets)}, a mean over other"
+            raise ResultError(f"{words} elements each, and no run.toml says which is its own", path)
+        taken.append((node, np.array(sets[name])))
+    return of_samples(taken, path)
 
 
 @dataclass(slots=True)
@@ -184,9 +177,8 @@ class _Open:
 
 def abaqus_sections(
     path: Path,
-    wanted: Callable[[str, str], bool],
+    wanted: Wanted,
     options: ReadOptions,
-    held: dict[str, int] | None = None,
 ) -> Iterator[DatSection]:
     """As `fembridge.results.printed.dat_sections`, of a ``.dat`` of Abaqus."""
     found: list[tuple[str, DatSection]] = []
@@ -200,9 +192,6 @@ def abaqus_sections(
             options.refuse(words, path, noted=f"{words}, which is left out")
             continue
         for section in table.sections():
-            name = f"{section.quantity} for set {section.set_name}"
-            if held is not None:
-                held[name] = held.get(name, 0) + 1
             if wanted(section.quantity, section.set_name):
                 found.append((f"{section.quantity} {table.preamble}", section))
     if not whole:

@@ -1,10 +1,14 @@
 """One table of a ``.dat``, as CalculiX or Abaqus prints it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from fembridge.typing import FloatArray, IntArray
+
+Wanted = Callable[[str, str], object]
+"""Asked of each section, by quantity and set: whether to read it."""
 
 ALL_CONTACT = "all contact elements"
 TABLE = "THE FOLLOWING TABLE IS PRINTED"

@@ -17,7 +17,7 @@ Time is taken as s and stress in `ReadOptions.stress_unit`.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
@@ -31,7 +31,6 @@ from fembridge.results.byte_file import text_lines
 from fembridge.results.history import History, of_samples
 from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.results.source import Source
-from fembridge.tables import write_table
 from fembridge.trace import MS_PER_S
 from fembridge.typing import FloatArray, Table
 
@@ -148,8 +147,8 @@ class PlotSource(Source):
             "problem": "; ".join(filter(None, (doubt, unnamed))) or None,
         }
 
-    def write_table(self, output: Path) -> int:
-        """Write what the plot holds as CSV, number by number; the count of rows.
+    def table(self, quantity: str | None = None) -> Iterator[Sequence[object]]:
+        """What the plot holds, number by number.
 
         Of several tables the first column, ``table``, counts them.
         """
@@ -165,13 +164,10 @@ class PlotSource(Source):
             f"{name} ({columns[:at].count(name) + 1})" if name in columns[:at] else name
             for at, name in enumerate(columns)
         ]
-        rows = (
-            [count, *row] if others else row
-            for count, table in enumerate(tables, start=1)
-            for row in table.values.tolist()
-        )
-        write_table(output, ["table", *columns] if others else columns, rows)
-        return sum(len(table.values) for table in tables)
+        yield ["table", *columns] if others else columns
+        for count, table in enumerate(tables, start=1):
+            for row in table.values.tolist():
+                yield [count, *row] if others else row
 
 
 def read_plot_tables(path: Path) -> tuple[list[PlotTable], str]:

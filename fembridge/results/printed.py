@@ -16,9 +16,11 @@ xx yy zz xy yz zx.
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
@@ -31,12 +33,11 @@ from fembridge.results.byte_file import (
     suffix_of,
     text_runs,
 )
-from fembridge.results.dat_section import TABLE, DatSection, of_set
+from fembridge.results.dat_section import TABLE, DatSection, Wanted, of_set
 from fembridge.results.history import History
 from fembridge.results.read_options import ReadOptions, in_pa
-from fembridge.results.readers import PRINTS
+from fembridge.results.source import Source
 from fembridge.results.status import fortran, status_rows
-from fembridge.tables import write_table
 from fembridge.trace import MS_PER_S
 from fembridge.typing import FloatArray, IntArray, Table
 
@@ -87,19 +88,18 @@ def is_abaqus(path: Path) -> bool:
 
 def dat_sections(
     path: Path,
-    wanted: Callable[[str, str], bool],
+    wanted: Wanted,
     options: ReadOptions,
-    held: dict[str, int] | None = None,
 ) -> Iterator[DatSection]:
-    """The sections for which ``wanted(quantity, set)``, in file order.
+    """The sections that are wanted, in file order.
 
     Tables of another kind (eigenvalues, participation factors, knots) are left out
-    and noted in `options`. `held` counts all sections by quantity and set.
+    and noted in `options`.
     """
     if is_abaqus(path):
         from fembridge.results.abaqus_dat import abaqus_sections
 
-        yield from abaqus_sections(path, wanted, options, held)
+        yield from abaqus_sections(path, wanted, options)
         return
     now: DatSection | None = None  # the wanted section that is being read
     records: list[tuple[int, str | Characters]] = []
@@ -143,9 +143,6 @@ def dat_sections(
         found = DatSection(
             quantity, of, columns, fortran(time) * MS_PER_S, labels, over_time=over_time, mode=mode
         )
-        if held is not None:
-            name = f"{found.quantity} for {of_set(found.set_name)}"
-            held[name] = held.get(name, 0) + 1
         if wanted(found.quantity, found.set_name):
             now = found
     if now is not None:
@@ -253,23 +250,25 @@ def _record(
     return (labels, values) if fits and values and expected in (None, len(values)) else None
 
 
+def _named(quantity: str, set_name: str) -> str:
+    return f"{quantity} for {of_set(set_name)}"
+
+
 def read_sections(
     path: Path, quantity: str, set_name: str | None = None, options: ReadOptions = _DEFAULTS
 ) -> list[DatSection]:
     """All sections of `quantity` ("forces", "stresses", ...), in file order."""
-    held: dict[str, int] = {}
+    held: dict[str, None] = {}
     asked = None if set_name is None else set_name.casefold()
-    sections = list(
-        dat_sections(
-            path,
-            lambda name, of: name == quantity and asked in (None, of.casefold()),
-            options,
-            held,
-        )
-    )
+
+    def wanted(name: str, of: str) -> bool:
+        held[_named(name, of)] = None
+        return name == quantity and asked in (None, of.casefold())
+
+    sections = list(dat_sections(path, wanted, options))
     if not sections:
-        wanted = quantity if set_name is None else f"{quantity} for set {set_name}"
-        raise ResultError(f"no {wanted} in it, it holds {'; '.join(held) or 'nothing'}", path)
+        words = quantity if set_name is None else f"{quantity} for set {set_name}"
+        raise ResultError(f"no {words} in it, it holds {'; '.join(held) or 'nothing'}", path)
     return sections
 
 
@@ -393,41 +392,53 @@ def print_rows(path: Path, options: ReadOptions, quantity: str | None = None) ->
     yield from status_rows(path, options)
 
 
-def write_print_table(
-    path: Path, output: Path, options: ReadOptions, quantity: str | None = None
-) -> tuple[tuple[str, ...], int]:
-    """Write `print_rows` as CSV to `output`; its columns and the count of rows."""
-    rows = print_rows(path, options, quantity)
-    columns, count = tuple(map(str, next(rows))), 0
+class PrintSource(Source):
+    """What a solver prints: a ``.dat`` of CalculiX or Abaqus, or a status file."""
 
-    def counted() -> Iterator[Row]:
-        nonlocal count
-        for count, row in enumerate(rows, start=1):  # noqa: B007 - the last is taken
-            yield row
-        if not count:
-            words = "no rows" if quantity is None else f"no {quantity} in it"
-            raise ResultError(f"{words}: there is nothing to write", path)
+    def describe(self) -> Table:
+        """Rows and the last of them, or the sections of a ``.dat``."""
+        path = self.path
+        described = super().describe()
+        remarks: list[str] = []
+        if suffix_of(path) != ".dat":
+            columns, *rows = status_rows(path, ReadOptions(log=remarks.append))
+            last = dict(zip(map(str, columns), rows[-1], strict=True)) if rows else None
+            return described | {"rows": len(rows), "last": last, "problem": (*remarks, None)[0]}
+        held = Counter[str]()
+        options = ReadOptions(partial=True, log=remarks.append)
+        list(dat_sections(path, lambda *of: held.update([_named(*of)]), options))
+        if self._of_abaqus:
+            described["format"] = "abaqus-dat"
+        cut = [words for words in remarks if words.startswith("cut")]
+        others = [words for words in remarks if words not in cut]
+        return described | {"sections": dict(held), "remarks": others, "problem": (*cut, None)[0]}
 
-    write_table(output, columns, counted())
-    return columns, count
+    def table(self, quantity: str | None = None) -> Iterator[Row]:
+        """Its long table, see `print_rows`."""
+        return print_rows(self.path, self.options, quantity)
 
+    @property
+    def _of_abaqus(self) -> bool:
+        return suffix_of(self.path) == ".dat" and is_abaqus(self.path)
 
-def describe_print(path: Path) -> Table:
-    """What `path` holds: rows and the last of them, or the sections of a ``.dat``."""
-    described: Table = {"format": PRINTS[suffix_of(path)], "bytes": path.stat().st_size}
-    remarks: list[str] = []
-    if suffix_of(path) != ".dat":
-        columns, *rows = print_rows(path, ReadOptions(log=remarks.append))
-        last = dict(zip(map(str, columns), rows[-1], strict=True)) if rows else None
-        return described | {"rows": len(rows), "last": last, "problem": (*remarks, None)[0]}
-    held: dict[str, int] = {}
-    options = ReadOptions(partial=True, log=remarks.append)
-    list(dat_sections(path, lambda *_: False, options, held))
-    if is_abaqus(path):
-        described["format"] = "abaqus-dat"
-    cut = [words for words in remarks if words.startswith("cut")]
-    others = [words for words in remarks if words not in cut]
-    return described | {"sections": held, "remarks": others, "problem": (*cut, None)[0]}
+    def named_nodes(self) -> Sequence[int]:
+        """None; without any there is nothing at nodes but in prints of Abaqus."""
+        return () if self._of_abaqus else self._refuse_fields()
+
+    def stress(self, nodes: Sequence[int] | None) -> History:
+        """Von Mises stress at `nodes`, which Abaqus prints."""
+        if not self._of_abaqus:
+            self._refuse_fields()
+        from fembridge.results.abaqus_dat import nodal_stress
+
+        return nodal_stress(self.path, nodes, self.options)
+
+    def _refuse_fields(self) -> NoReturn:
+        raise ResultError(
+            "prints of a solver, no nodal results: fembridge ingest makes a table of "
+            "them, and --point traces of a .dat's integration points",
+            self.path,
+        )
 
 
 def _dat_rows(path: Path, options: ReadOptions, quantity: str | None) -> Iterator[Row]:
@@ -499,7 +510,7 @@ def _note_other_sections(
     if len(groups) < 2 or groups[0][1] == groups[1][1]:
         return False
     (first_ms, was), (time_ms, now) = groups
-    lost = [f"{quantity} for {of_set(of)}" for quantity, of in was if (quantity, of) not in now]
+    lost = [_named(*one) for one in was if one not in now]
     words = f"no {lost[0]}" if lost else "more sections"
     options.note(f"at {time_ms:g} ms there is {words}, unlike at {first_ms:g} ms")
     return True

@@ -71,15 +71,15 @@ class Reader:
 # bytes, least byte first or last.
 _T16_STARTS = ((280).to_bytes(4, "little"), (280).to_bytes(4, "big"))
 _MARC = "fembridge.results.marc:MarcSource"
+_PRINTED = "fembridge.results.printed"
 _COLUMNS = "fembridge.results.columns:ColumnSource"
-_ABAQUS_MARKS = (b"1\n", b"1\r\n", b"1 ", b"\n   THE FOLLOWING", b"\r\n   THE FOLLOWING")
 _XML_STARTS = (b"<?xml", b"<VTKFile", b"<Xdmf", b"<!DOCTYPE")
 READERS = (
     Reader("ccx-frd", ".frd", b"    1C", "fembridge.results.frd:FrdSource"),
     Reader("marc-t16", ".t16", _T16_STARTS, _MARC, points=True),
     Reader("marc-t19", ".t19", b"=beg=", _MARC, points=True),
     Reader("mentat-plot", ".txt", b"", "fembridge.results.mentat:PlotSource"),
-    Reader("abaqus-dat", ".dat", _ABAQUS_MARKS, "fembridge.results.abaqus_dat:AbaqusSource"),
+    *(Reader(name, suffix, b"", f"{_PRINTED}:PrintSource") for suffix, name in PRINTS.items()),
     Reader("table", ".csv", b"", _COLUMNS, named=True),
     Reader("npz", ".npz", b"PK\x03\x04", _COLUMNS, named=True),
     *(
@@ -126,7 +126,7 @@ def read_values(
 def reader_of(file: ByteFile) -> Reader:
     """The reader for `file`, by suffix and first bytes."""
     start, suffix = file.peek(0, _FIRST_BYTES), suffix_of(file.path)
-    if not start:
+    if not start and suffix not in PRINTS:  # of a run that has begun they are empty
         raise ResultError("empty: 0 bytes", file.path)
     for reader in READERS:
         if suffix == reader.suffix and reader.takes(start):
@@ -138,11 +138,6 @@ def reader_of(file: ByteFile) -> Reader:
 
 
 def _foreign(path: Path, start: bytes) -> str:
-    if suffix_of(path) in (".dat", ".sta", ".cvg"):
-        return (
-            "prints of CalculiX, no nodal results: fembridge ingest makes a table of "
-            "them, and --point traces of a .dat's integration points"
-        )
     kind = next((f", {kind}" for mark, kind in _KNOWN_STARTS if start.startswith(mark)), "")
     marked = [reader for reader in READERS if reader.first_bytes]
     for reader in () if kind else marked:

@@ -38,6 +38,7 @@ from fembridge.results.history import (
 )
 from fembridge.results.read_options import NotFiniteError, ReadOptions
 from fembridge.results.stress import DERIVED, OneSidedStress
+from fembridge.tables import write_table
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
 LAST = "last"  # increment
@@ -98,6 +99,26 @@ class Source(AbstractContextManager["Source"]):
     def stress(self, nodes: Sequence[int] | None) -> History:
         """Stress over time at `nodes`, in that order, or all: of a file of nothing else."""
         raise NotImplementedError
+
+    def table(self, quantity: str | None = None) -> Iterator[Sequence[object]]:
+        """What a printed file holds, or one quantity of it: columns, then row by row."""
+        raise NotImplementedError
+
+    def write_table(self, output: Path, quantity: str | None = None) -> tuple[tuple[str, ...], int]:
+        """Write `table` as CSV to `output`; its columns and the count of rows."""
+        rows = self.table(quantity)
+        columns, count = tuple(map(str, next(rows))), 0
+
+        def counted() -> Iterator[Sequence[object]]:
+            nonlocal count
+            for count, row in enumerate(rows, start=1):  # noqa: B007 - the last is taken
+                yield row
+            if not count:
+                words = "no rows" if quantity is None else f"no {quantity} in it"
+                raise ResultError(f"{words}: there is nothing to write", self.path)
+
+        write_table(output, columns, counted())
+        return columns, count
 
     def places(self) -> tuple[IntArray, FloatArray, BoolArray]:
         """Nodes, coordinates ``(n, 3)`` in mm, and which have stress."""

@@ -19,6 +19,12 @@ def read_field(path, quantity, increment="last", options=PLAIN):
         return source.field(quantity, increment)
 
 
+def write_table(path, output, options=PLAIN, quantity=None):
+    """Columns, and the count of rows."""
+    with open_source(path, options) as source:
+        return source.write_table(output, quantity)
+
+
 def choose_nodes(path, options=PLAIN, **choice):
     with open_source(path, options) as source:
         return nodes.choose_nodes(source, **choice)

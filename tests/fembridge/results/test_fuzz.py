@@ -17,7 +17,6 @@ from fembridge.errors import FembridgeError
 from fembridge.results import describe, read, read_fields
 from fembridge.results.nodes import read_node_sets
 from fembridge.results.printed import (
-    describe_print,
     print_rows,
     read_point_history,
     read_point_stress,
@@ -183,7 +182,7 @@ def check_dat(path, content, _):
         wholes = {int(m[1]) for m in WHOLE.finditer(content)}
         assert set(points.ravel().tolist()) <= wholes | every_part(wholes)
         assert set(tensor_pa.ravel().tolist()) <= numbers
-    read_quietly(describe_print, path)
+    read_quietly(describe, path)
     read_quietly(lambda p: read_point_history(p, [(1, 1)], None, LENIENT), path)
     return check_rows(path, numbers)
 

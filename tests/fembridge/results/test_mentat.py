@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+from opened import write_table
 
 from fembridge.errors import ResultError
 from fembridge.results import describe
@@ -45,11 +46,6 @@ def read(path, nodes=(), options=ReadOptions()):  # noqa: B008 - frozen
     """Traces at `nodes`, or of all curves."""
     with open_source(path, options) as source:
         return source.history(nodes or None).traces()
-
-
-def write_plot_table(path, output):
-    with open_source(path, ReadOptions()) as source:
-        return source.write_table(output)
 
 
 def read_plot(path):
@@ -92,7 +88,7 @@ def test_a_path_plot_is_a_table_and_no_trace(text, tmp_path):
     assert table.header == ("Pathplot", PATH_PLOT.splitlines()[1])
     with pytest.raises(ResultError, match="over 'Arc Length', a trace needs Time"):
         read(path, [1])
-    assert write_plot_table(path, tmp_path / "t.csv") == 3
+    assert write_table(path, tmp_path / "t.csv")[1] == 3
     with (tmp_path / "t.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert rows[1]["Arc Length"] == "0.25"
@@ -119,7 +115,7 @@ def test_curves_one_under_the_other_are_all_read(text, tmp_path):
     assert describe(path)["over_time"]
     assert [(t.node, t.stress_pa[1]) for t in read(path, ())] == [(5, 5e5), (6, 2.5e5)]
     assert [table.line for table in read_plot_tables(path)[0]] == [2, 7]
-    assert write_plot_table(path, tmp_path / "t.csv") == 6
+    assert write_table(path, tmp_path / "t.csv")[1] == 6
     lines = (tmp_path / "t.csv").read_text().splitlines()
     assert lines[0] == "table,Time,Equivalent Von Mises Stress"
     assert lines[5] == "2,0.0005,0.25"
@@ -131,7 +127,7 @@ def test_tables_of_other_columns_do_not_become_one_csv(text, tmp_path):
     other = "Arc Length\tDisplacement X\n0\t0\n1\t2\n2\t5\n"
     time = "Time\tDisplacement X\n0\t0\n1\t2\n2\t4\n"
     with pytest.raises(ResultError, match="columns Arc Length, Displacement X, those"):
-        write_plot_table(text(time + "\n" + other), tmp_path / "t.csv")
+        write_table(text(time + "\n" + other), tmp_path / "t.csv")
     assert not (tmp_path / "t.csv").exists()
 
 

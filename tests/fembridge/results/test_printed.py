@@ -5,6 +5,7 @@ import re
 from functools import partial
 
 import numpy as np
+import opened
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,13 +13,11 @@ from numpy.testing import assert_allclose
 from opened import rows_of
 
 from fembridge.errors import ResultError
-from fembridge.results import printed
+from fembridge.results import describe, printed
 from fembridge.results.printed import (
     dat_sections,
-    describe_print,
     print_rows,
     read_point_history,
-    write_print_table,
 )
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.stress import von_mises_pa
@@ -276,7 +275,7 @@ SPRING = "        21          5  1.250000E+00 -2.500000E-03  3.000000E+00\n"
 
 
 def write_table(path, output, quantity=None, **options):
-    return write_print_table(path, output, ReadOptions(**options), quantity)[1]
+    return opened.write_table(path, output, ReadOptions(**options), quantity)[1]
 
 
 def test_a_dat_becomes_a_row_a_number_with_its_unit(samples, tmp_path):
@@ -340,4 +339,4 @@ def test_a_line_that_is_still_being_written_is_said(samples, tmp_path):
     logged = []
     assert write_table(path, tmp_path / "t.csv", log=logged.append) == 3
     assert logged[0].startswith("line 6 has no end yet and is left out")
-    assert "line 6" in describe_print(path)["problem"]
+    assert "line 6" in describe(path)["problem"]

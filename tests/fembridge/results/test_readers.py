@@ -32,7 +32,7 @@ from fembridge.store import sha256_of
         ("job.frd", b"   ", "no result file we read"),
         ("job.txt", b"    1C\n", r"begins like ccx-frd .* rename it to \.frd"),
         ("job", b"    1C\n", "named nothing: rename it"),
-        ("job.dat", b"\n", "prints of CalculiX, no nodal results: fembridge ingest"),
+        ("job.dat", b"\n", "prints of a solver, no nodal results: fembridge ingest"),
     ],
 )
 def test_a_foreign_file_is_recognised_by_its_first_bytes(tmp_path, name, content, words):

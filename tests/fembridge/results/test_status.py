@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from opened import write_table
 
 from fembridge.errors import ResultError
-from fembridge.results.printed import describe_print, write_print_table
+from fembridge.results import describe
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.status import CvgRow, StaRow, StsRow, read_cvg, read_sta, read_sts
 
@@ -41,10 +42,10 @@ def test_what_follows_a_failed_attempt_is_the_next_attempt(samples, tmp_path, fo
     path = tmp_path / "job.sta"
     path.write_text(failed + "{:6}{:11}{:6} ".format(*follows) + last[24:] + "\n")
     if allowed:
-        assert write_print_table(path, tmp_path / "t.csv", ReadOptions())[1] == 3
+        assert write_table(path, tmp_path / "t.csv")[1] == 3
     else:
         with pytest.raises(ResultError, match="cannot follow increment 2"):
-            write_print_table(path, tmp_path / "t.csv", ReadOptions())
+            write_table(path, tmp_path / "t.csv")
 
 
 @pytest.mark.parametrize(
@@ -159,13 +160,13 @@ def test_it_becomes_a_table_with_units_in_its_names(tmp_path):
     path = SAMPLES / "nour_plastic.sts"
     logged = []
     options = ReadOptions(log=logged.append)
-    assert write_print_table(path, tmp_path / "t.csv", options)[1] == 24
+    assert write_table(path, tmp_path / "t.csv", options)[1] == 24
     with (tmp_path / "t.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert tuple(rows[0]) == tuple(field.name for field in fields(StsRow))
     assert float(rows[-1]["displacement_max_mm"]) == 108.78
     assert logged == []
-    assert describe_print(path)["problem"] is None
+    assert describe(path)["problem"] is None
 
 
 @given(cut=st.integers(0, len(HEAD + ROW * 3 + END)))
