@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
 # Within these bounds the timing of a model passes for that of a recorded unit.
 STRENGTH_APART, IMPULSES_APART = 0.25, 0.30
+# So many cells of a class are asked for the one that is most like a recorded unit.
+_UNITS = 200
 
 # From first touch 300 um deep at 3 mm/s, held for half a second, and back.
 RAMP = Ramp(depth_um=300, up_ms=100, hold_ms=500, down_ms=100)
@@ -66,9 +68,9 @@ class Beside:
     """Timing and thresholds of parameters on a response, beside recorded ones.
 
     `timing` has a row a class and vibration: what was recorded, the model's impulses a
-    cycle and vector strengths over all cells, the impulses of the keenest cell, and
-    whether that is near enough. `tuning` are recorded thresholds with the model's, `curves`
-    the model's.
+    cycle and vector strengths over all cells, the impulses of the cell of the class that is
+    most like the recorded unit, that cell's place, and whether they are near enough.
+    `tuning` are recorded thresholds with the model's, `curves` the model's.
     """
 
     timing: "DataFrame"
@@ -139,11 +141,14 @@ def gather(
     )
 
 
-def _spikes(answering: Answering) -> Spikes:
+def _spikes(answering: Answering, units: int = 0) -> Spikes:
+    """Of the cells of the parameters, or of so many `units` that differ as those do."""
     response, model = answering
 
     def spikes(afferent: str, stimulus: Stimulus) -> list[FloatArray]:
         parameters = model.parameters[afferent]
+        if units and parameters.cells > 1:
+            parameters = replace(parameters, cells=units)
         stress_pa = response.stress_pa(parameters, [stimulus])
         [cells] = encode_cells(stress_pa, stimulus.dt_ms, parameters)
         return cells
@@ -166,7 +171,7 @@ def _beside_recorded(answering: Answering, recorded: "DataFrame", asked: "DataFr
         ],
         ignore_index=True,
     )
-    timing = _timing(recorded, model.preindent_um, _spikes(answering))
+    timing = _timing(recorded, answering)
     return Beside(timing, against_evidence(curves, asked), curves)
 
 
@@ -209,21 +214,38 @@ def _beside(recorded: "DataFrame", preindent_um: float, spikes: Spikes) -> "Data
 
     rows = []
     for row in recorded.to_dict("records"):
-        frequency_hz = row["frequency_hz"]
-        stimulus = vibration(frequency_hz, row["amplitude_um"], preindent_um)
-        cells = spikes(row["afferent"], stimulus)
-        cycles = np.floor(stimulus.window_ms[1] * frequency_hz / 1000.0 + 1e-9)
-        window_ms = (0.0, cycles * 1000.0 / frequency_hz)
-        keenest, *_ = _numbers(cells[:1], frequency_hz, window_ms)
-        rows.append((*_numbers(cells, frequency_hz, window_ms), keenest))
-    names = [*(f"model_{name}" for name in _NUMBERS), "model_keenest_impulses"]
-    return recorded.join(DataFrame(rows, recorded.index, names))
+        cells, window_ms = _vibrated(row, preindent_um, spikes)
+        rows.append(_numbers(cells, row["frequency_hz"], window_ms))
+    return recorded.join(DataFrame(rows, recorded.index, [f"model_{name}" for name in _NUMBERS]))
 
 
-def _timing(recorded: "DataFrame", preindent_um: float, spikes: Spikes) -> "DataFrame":
-    found = _beside(recorded, preindent_um, spikes)
+def _vibrated(
+    row: Mapping[Any, Any], preindent_um: float, spikes: Spikes
+) -> tuple[list[FloatArray], tuple[float, float]]:
+    """Spikes of each cell under the vibration of a row, and the window of its whole cycles."""
+    frequency_hz = row["frequency_hz"]
+    stimulus = vibration(frequency_hz, row["amplitude_um"], preindent_um)
+    cycles = np.floor(stimulus.window_ms[1] * frequency_hz / 1000.0 + 1e-9)
+    return spikes(row["afferent"], stimulus), (0.0, cycles * 1000.0 / frequency_hz)
+
+
+def _timing(recorded: "DataFrame", answering: Answering) -> "DataFrame":
+    """`_beside` with the cell that is most like the recorded unit of each class."""
+    preindent_um = answering[1].preindent_um
+    found = _beside(recorded, preindent_um, _spikes(answering))
+    impulses = _NUMBERS[0]
+    for _, unit in recorded.groupby("afferent"):
+        of_cells = []
+        for row in unit.to_dict("records"):
+            cells, window_ms = _vibrated(row, preindent_um, _spikes(answering, _UNITS))
+            of_cells.append([_numbers([one], row["frequency_hz"], window_ms)[0] for one in cells])
+        theirs = unit[impulses].to_numpy()[:, np.newaxis]
+        apart = abs(np.array(of_cells) - theirs) / np.maximum(theirs, 0.1)
+        most_alike = int(apart.sum(axis=0).argmin())
+        found.loc[unit.index, "model_unit_impulses"] = [row[most_alike] for row in of_cells]
+        found.loc[unit.index, "model_unit_place"] = (most_alike + 0.5) / apart.shape[1]
     first, second = (abs(found[f"model_{name}"] - found[name]) for name in _NUMBERS[1:])
-    share = found["model_keenest_impulses"] / found[_NUMBERS[0]]
+    share = found["model_unit_impulses"] / found[impulses]
     return found.assign(  # NaN is not near
         strengths_near=np.maximum(first, second) <= STRENGTH_APART,
         impulses_near=abs(share - 1) <= IMPULSES_APART,

@@ -128,11 +128,11 @@ def _timing_shortfalls(timing: "DataFrame") -> Iterator[str]:
     off = timing[~timing["impulses_near"]]
     for afferent in dict.fromkeys(off["afferent"]):
         words = ", ".join(
-            f"{row['model_keenest_impulses']:.1f} instead of {row[TIMING_COLUMNS[3:][0]]:.1f} at "
+            f"{row['model_unit_impulses']:.1f} instead of {row[TIMING_COLUMNS[3:][0]]:.1f} at "
             f"{row['amplitude_um']:g} µm"
             for row in off[off["afferent"] == afferent].to_dict("records")
         )
-        yield f"{afferent}, impulses a cycle of the keenest cell: {words}."
+        yield f"{afferent}, impulses a cycle of the cell most like the recorded unit: {words}."
 
 
 def _tuning_shortfalls(tuning: "DataFrame") -> Iterator[str]:

@@ -84,7 +84,8 @@ _RATES_IN = 1.25
 _ANSWERING = ("judged", "fingertip")
 _TIMING_HEADS = {
     "impulses_per_cycle": "impulses a cycle",
-    "model_keenest_impulses": "keenest cell",
+    "model_unit_impulses": "most alike cell",
+    "model_unit_place": "its place",
     "model_impulses_per_cycle": "mean of cells",
     "strength_f": "strength at f",
     "model_strength_f": "model",

@@ -41,6 +41,9 @@ from fembridge.report.validate import (
 from fembridge.report.validation_page import page_text
 from fembridge.response.response_map import FOLDER
 from fembridge.tables import AFFERENTS, Rate, SpikeTrain, write_rates
+from fembridge.tuning import vibration
+from neural import parameter_set
+from neural.encoder import encode_cells
 
 SINES_OBSERVED = Path(fembridge.__file__).parents[2] / "shared/data/observed_sine_rates.csv"
 TRUE = touchsim_rates()
@@ -315,6 +318,28 @@ def test_recorded_spikes_stand_in_the_place_of_the_published_timing(study, monke
     found = gather(answering, answering, {THRESHOLDS: few}, trains)
     assert set(found.judged.timing.afferent) == set(found.phases.afferent) == {"RA"}
     assert "given" in found.sources["timing_20hz"]
+
+
+def test_a_recorded_unit_stands_beside_the_cell_that_is_most_like_it(monkeypatch):
+    """The unit is a cell of the model: one whose place is between those of the ten cells."""
+    fitted = parameter_set("fitted")
+    answering = stored_source("quick").response, fitted
+    cells = replace(fitted.parameters["RA"], cells=40)
+    trains = []
+    for amplitude_um in (34.74, 129.49, 250):
+        stimulus = vibration(20.0, amplitude_um, fitted.preindent_um)
+        stress_pa = answering[0].stress_pa(cells, [stimulus])
+        [trains_ms] = encode_cells(stress_pa, stimulus.dt_ms, cells)
+        trains.append(SpikeTrain(f"sine_20_{amplitude_um}", "RA", trains_ms[5]))
+    monkeypatch.setattr(recorded, "_distance", lambda *_: None)
+    monkeypatch.setattr(recorded, "CURVE_HZ", (20.0,))
+    few = Facts(published(THRESHOLDS).table[:1], "")
+    timing = gather(answering, answering, {THRESHOLDS: few}, trains).judged.timing
+    # A recorded window begins a few ms later: a spike less in five cycles.
+    assert_allclose(timing.model_unit_impulses, timing.impulses_per_cycle, atol=0.21)
+    assert timing.impulses_near.all()
+    assert set(timing.model_unit_place) == {timing.model_unit_place[0]}
+    assert_allclose(timing.model_unit_place[0], 5.5 / 40, atol=0.05)
 
 
 def test_what_is_known_of_man_and_of_distance_has_its_sentence_where_the_model_is_off(study):
