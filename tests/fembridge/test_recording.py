@@ -189,28 +189,6 @@ def test_a_tensor_has_a_one_where_a_unit_fires(recording):
     assert torch.equal(recording.to_torch(), torch.from_numpy(dense))
 
 
-def test_a_neuron_of_snntorch_that_forgets_repeats_the_afferents(recording):
-    snntorch = pytest.importorskip("snntorch")
-    neuron = snntorch.Leaky(beta=0.0, threshold=0.5, reset_mechanism="zero")
-    potential, spikes = neuron.init_leaky(), recording.to_torch()
-    for now in spikes:
-        fired, potential = neuron(now, potential)
-        assert_array_equal(fired.detach(), now)
-
-
-def test_a_layer_of_norse_takes_time_first_and_fires_after_the_afferents_did(recording):
-    norse = pytest.importorskip("norse.torch")
-    import torch
-
-    keen = norse.LIFParameters(v_th=torch.as_tensor(1e-3))
-    spikes = recording.to_torch()
-    fired = norse.LIF(keen, dt=recording.dt_ms * 1e-3)(spikes)[0].detach()
-    assert fired.shape == spikes.shape
-    assert_array_equal(fired.sum(dim=0) > 0, spikes.sum(dim=0) > 0)
-    driven = spikes.sum(dim=0) > 0
-    assert (fired.argmax(dim=0) >= spikes.argmax(dim=0))[driven].all()
-
-
 def test_a_library_that_is_absent_is_named_with_what_installs_it(recording, monkeypatch, tmp_path):
     import sys
 

@@ -116,13 +116,6 @@ def test_traces_that_do_not_fit_stimuli_or_parameters_are_refused(traces, kind, 
         encode_all(STIMULI, traces, PUBLISHED, {})
 
 
-def test_a_clock_with_the_rounding_of_a_solver_is_the_same_clock(simulation):
-    """Times of six digits: the mean step of 500 is off in the ninth."""
-    rounded = other_clock(dt_ms=0.5 * (1 + 1e-9))
-    found = encode_all(STIMULI, rounded, PUBLISHED, {})
-    assert_array_equal(found.trains[-1].times_ms, simulation.trains[-1].times_ms)
-
-
 @pytest.fixture(scope="module")
 def indented():
     """Two stimuli of a probe that was 75 um deep, one too weak for any spike."""

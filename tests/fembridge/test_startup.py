@@ -49,12 +49,17 @@ def test_import_loads_numpy_and_nothing_heavier(tmp_path):
     assert_not_loaded(HEAVY, steps, tmp_path)
 
 
+def test_neural_loads_numpy_and_neither_decks_nor_anything_heavier(tmp_path):
+    steps = ["import neural", "[getattr(neural, name) for name in neural.__all__]"]
+    assert_not_loaded(HEAVY | {"decks"}, steps, tmp_path)
+
+
 def test_verbs_that_only_tell_something_load_no_numpy(tmp_path):
     told = ["--help", "--version", "stimuli", "stimuli --help", "stimuli sine_20 --json"]
     told += ["doctor --help", "plot --help", "plot mesh --help"]
     told += ["simulate --help", "encode --help", "build-deck --help", "run --help"]
-    steps = [f"main({words.split()!r})" for words in told]
-    steps[0] = f"from fembridge.cli import main; {steps[0]}"
+    steps = ["import decks", "from fembridge.cli import main"]
+    steps += [f"main({words.split()!r})" for words in told]
     assert_not_loaded(HEAVY | {"numpy"}, steps, tmp_path)
 
 

@@ -1,8 +1,6 @@
 """From stress to spikes: what follows from Table 2, what must not matter, and populations."""
 
 import math
-import subprocess
-import sys
 import tracemalloc
 from dataclasses import replace
 
@@ -107,21 +105,6 @@ def test_a_step_printed_with_six_digits_is_the_step():
     [printed] = encode(half_sine_pa(50), 0.500001, PUBLISHED["PC"])
 
     np.testing.assert_array_equal(printed, exact)
-
-
-def test_importing_neural_loads_numpy_and_nothing_heavier():
-    heavy = "{'pandas', 'scipy', 'matplotlib', 'meshio', 'pymoo', 'rich', 'decks'}"
-    program = (
-        "import sys, neural; "
-        "assert all(hasattr(neural, name) for name in neural.__all__); "
-        f"print(sorted({heavy} & set(sys.modules)), 'numpy' in sys.modules)"
-    )
-
-    answer = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-
-    assert answer.stdout.strip() == "[] True"
 
 
 def parameters_of(row, **changes) -> AfferentParameters:

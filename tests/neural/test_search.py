@@ -78,11 +78,6 @@ def assert_undominated(found):
             assert not (nowhere_worse and somewhere_better)
 
 
-@pytest.mark.parametrize("cells", [1, 3])
-def test_no_row_of_a_front_is_worse_than_another(cells):
-    assert_undominated(search_front(problem_of(cells=cells), seed=5, **SMALL))
-
-
 def test_a_total_weighs_groups_by_their_stimuli():
     problem = problem_of(groups=("a", "b", "b", "b"))
 
@@ -114,24 +109,6 @@ def test_the_errors_of_a_front_are_of_full_precision(name, monkeypatch):
 
     np.testing.assert_array_equal(found.errors_ips2, true_errors(problem, found.values))
     assert_undominated(found)
-
-
-def interrupt_after(evaluations):
-    def watch(progress):
-        if progress.evaluations >= evaluations:
-            raise KeyboardInterrupt
-
-    return watch
-
-
-def test_an_interrupt_gives_what_was_found_by_then():
-    stopped = search_front(PROBLEM, seed=3, on_progress=interrupt_after(48), **SMALL)
-    by_then = search_front(PROBLEM, seed=3, evaluations=48, population=24)
-
-    assert (stopped.finished, by_then.finished) == (False, True)
-    assert stopped.evaluations == by_then.evaluations == 48
-    np.testing.assert_array_equal(stopped.values, by_then.values)
-    np.testing.assert_array_equal(stopped.errors_ips2, by_then.errors_ips2)
 
 
 @pytest.mark.parametrize("generations", [0, 1, 3])

@@ -48,6 +48,17 @@ def test_results_of_the_same_deck_are_not_made_again(fake_ccx, make_run):
     assert run_folders([folder], force=True)[0].skipped is False
 
 
+def test_results_are_made_again_when_something_changed_them(fake_ccx, make_run):
+    """Of results, one byte: in the table of faults."""
+    folder = make_run("normal")
+    run_folders([folder])
+    record = folder / "solver.toml"
+    record.write_text(record.read_text()[:40])
+
+    assert run_folders([folder])[0].skipped is False
+    assert (folder / "job.frd").read_text().endswith(" 9999\n")
+
+
 def test_jobs_run_at_the_same_time(fake_ccx, make_run):
     """Each has a line only while both are at work; one alone would wait for ever."""
     meeting = threading.Barrier(2, timeout=120)

@@ -107,6 +107,16 @@ def test_a_solver_whose_files_do_not_grow_is_stopped(fake_ccx, make_run, is_at_w
     assert not is_at_work(folder)
 
 
+def test_an_increment_that_iterates_for_ever_is_stopped(fake_ccx, make_run):
+    folder = make_run("endless")
+
+    outcome = solve(folder, iteration_limit=50)
+
+    assert outcome.failure.cause is Cause.ENDLESS_ITERATION
+    assert "limit 50, after 1 of 4 increments" in str(outcome.failure)
+    assert 50 < outcome.iterations < 90_000
+
+
 @pytest.mark.parametrize("play", ["normal", "diverged"])
 def test_the_last_word_of_progress_is_that_the_run_ended(fake_ccx, make_run, play):
     shown = []

@@ -87,6 +87,15 @@ def test_a_file_that_cannot_grow_is_a_full_disk(make_run, patch, tmp_path, monke
     assert not (folder / "job.frd").exists()
 
 
+def test_a_long_run_is_stopped_by_its_limit(make_run, patch):
+    folder = make_run(deck=patch(**MANY), increments=2_000_000)
+
+    outcome = solve(folder, time_limit_s=0.5)
+
+    assert outcome.failure.cause is Cause.TIME_LIMIT
+    assert not (folder / "job.frd").exists()
+
+
 def test_killing_python_leaves_no_calculix_behind(begin, make_run, patch, is_alive, wait_until):
     folder = make_run(deck=patch(**MANY), increments=2_000_000)
     child = begin("-m", "fembridge.cli", "run", folder)

@@ -21,16 +21,6 @@ def read(tmp_path):
     return read_text
 
 
-def test_a_message_ends_at_the_blank_line(read):
-    log = read(
-        " *ERROR: solution seems to diverge; please try \n"
-        " automatic incrementation; program stops\n\n something else\n"
-    )
-    assert [str(error) for error in log.errors] == [
-        "solution seems to diverge; please try automatic incrementation; program stops"
-    ]
-
-
 @pytest.mark.parametrize(
     "warning",
     [
@@ -50,7 +40,11 @@ def test_a_thousand_warnings_do_not_hide_the_error_after_them(read):
     assert [e.text for e in read(many + " *ERROR in here: no\n").errors] == ["in here: no"]
 
 
-def test_the_summary_of_errors_is_kept_only_when_it_is_alone(read):
+def test_a_message_ends_at_the_blank_line_and_a_summary_counts_only_when_it_is_alone(read):
+    log = read(" *ERROR: seems to diverge; try \n automatic incrementation\n\n something else\n")
+    assert [str(error) for error in log.errors] == [
+        "seems to diverge; try automatic incrementation"
+    ]
     summary = " *ERROR in calinput: at least one fatal\n    error message\n\n"
     assert len(read(summary).errors) == 1
     assert [str(e) for e in read(" *ERROR in x: y\n\n" + summary).errors] == ["in x: y"]

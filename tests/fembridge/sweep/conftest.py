@@ -1,6 +1,7 @@
 """Studies in files, and a sweep in this process or in one of its own."""
 
 from concurrent.futures import Executor, Future
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -45,13 +46,8 @@ def gate(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def study_file(tmp_path):
-    def write(text, name="study.toml"):
-        path = tmp_path / name
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
+def study_file(file):
+    return partial(file, "study.toml")
 
 
 @pytest.fixture
