@@ -78,14 +78,8 @@ class SweptFingers:
 def read_swept(path: Path) -> SweptFingers:
     """Fingers of ``results.csv`` of a sweep, or of a summary of one.
 
-    A finger of which anything failed is left out; its cause is kept.
-
-    Raises
-    ------
-    TableError
-        Neither of them, or a cell that is no number where one is expected.
-    UsageError
-        Nothing to compare.
+    A finger of which anything failed is left out; its cause is kept. Raises TableError: neither of
+    them, or a cell that is no number where one is expected. UsageError: nothing to compare.
     """
     import pandas as pd
 

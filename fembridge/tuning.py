@@ -51,13 +51,7 @@ _LEAST_MS, _LEAST_CYCLES, _SAMPLES = 100.0, 5.0, 10.0
 
 
 def frequencies_of(words: str) -> list[float]:
-    """Frequencies in Hz: ``5:800``, the third octaves of a range, or ``10,50,200``.
-
-    Raises
-    ------
-    UsageError
-        Neither.
-    """
+    """Frequencies in Hz: ``5:800``, the third octaves of a range, or ``10,50,200``."""
     low, colon, high = words.partition(":")
     try:
         if not colon:

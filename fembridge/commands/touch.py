@@ -109,7 +109,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     require_libraries(args.export)
     if args.animate:
-        from fembridge.plots.pad_movie import check_movie, write_movie
+        from fembridge.plots.pad import check_movie, write_movie
 
         check_movie(Path(args.animate))
     result = touch(

@@ -61,10 +61,7 @@ class Facts:
 def read_evidence(source: Path | str, like: str) -> Facts:
     """The set of that name, or a file in the place of the set `like`: the same columns.
 
-    Raises
-    ------
-    TableError
-        No such file or column, or a cell that cannot be, with its line.
+    Raises TableError: no such file or column, or a cell that cannot be, with its line.
     """
     import pandas
 
@@ -84,10 +81,7 @@ def read_evidence(source: Path | str, like: str) -> Facts:
 def published(name: str) -> Facts:
     """The set `name`, one of `SETS`; copy its table before you change it.
 
-    Raises
-    ------
-    UsageError
-        No such set.
+    Raises UsageError: no such set.
     """
     import pandas
 

@@ -84,14 +84,10 @@ class Window:
 def mesh_figure(finger: Finger, mesh: Mesh, probe: Probe) -> "Figure":
     """The section and the pad close up, with layers, afferents and probe.
 
-    The materials and afferents are those of `finger`; the probe is on the pad at first
-    touch, nothing pressed. Saved in a format of lines and text (PDF, SVG) the elements
-    are pixels of `MESH_DPI`, all else is lines and text.
-
-    Raises
-    ------
-    FingerError
-        The probe is beside the pad, or an afferent has no node.
+    The materials and afferents are those of `finger`; the probe is on the pad at first touch,
+    nothing pressed. Saved in a format of lines and text (PDF, SVG) the elements are pixels of
+    `MESH_DPI`, all else is lines and text. Raises FingerError: the probe is beside the pad, or an
+    afferent has no node.
     """
     sites = afferent_nodes(finger, mesh)
     body_mm = probe_outline(probe, mesh)

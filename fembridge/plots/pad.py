@@ -1,9 +1,15 @@
-"""A touch from above: where the shape is, how hard it presses, and who fires how much."""
+"""A touch from above: where the shape is, how hard it presses, and who fires how much.
 
+Pictures, and a moving picture: contact pressure, stress under the skin, spikes.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fembridge.errors import MissingError, UsageError
 from fembridge.plots.style import (
     AFFERENT_COLOURS,
     FAINT,
@@ -13,15 +19,19 @@ from fembridge.plots.style import (
     PAGE_WIDTH_IN,
     SERIES_COLOURS,
     SMALL_TEXT_PT,
+    TEXT_PT,
     class_style,
     in_style,
     make_plain,
     new_figure,
 )
+from fembridge.store import replacing
+from fembridge.touching.stress import influence_pa, von_mises_pa
 from fembridge.touching.touch import Touch
-from fembridge.typing import BoolArray, FloatArray
+from fembridge.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -37,6 +47,15 @@ _KPA_PER_N_MM2 = 1000.0
 _MOST_ROWS = 60
 _FORCE_COLOUR = SERIES_COLOURS[2]
 
+# Moving.
+FRAMES = 60
+_FRAMES_A_SECOND = 12
+_DPI = 90
+# A unit is lit for so long after a spike.
+_LIT_MS = 25.0
+_GRID_MM = 0.5
+_KPA = 1e-3
+
 
 @in_style
 def pad_figure(touch: Touch) -> "Figure":
@@ -44,7 +63,7 @@ def pad_figure(touch: Touch) -> "Figure":
     from matplotlib.figure import Figure
 
     classes = [name for name in AFFERENT_COLOURS if name in touch.population.afferent]
-    width_mm, height_mm = (2 * each for each in view_mm(touch))
+    width_mm, height_mm = (2 * each for each in _view_mm(touch))
     panel_in = (PAGE_WIDTH_IN - 1.4) / 3
     tall_in = min(panel_in * height_mm / width_mm, _MOST_HEIGHT_IN)
     figure = Figure(figsize=(PAGE_WIDTH_IN, tall_in + _TRACE_IN + 1.25), layout="constrained")
@@ -54,7 +73,7 @@ def pad_figure(touch: Touch) -> "Figure":
     image = None
     for column, name in enumerate(classes):
         panel = figure.add_subplot(grid[0, column])
-        image = draw_pressure(panel, touch, hardest(touch))
+        image = _draw_pressure(panel, touch, _hardest(touch))
         mine = np.array(touch.population.afferent) == name
         _draw_units(panel, touch, mine, AFFERENT_COLOURS[name])
         _draw_view(panel, touch, first=column == 0)
@@ -64,7 +83,7 @@ def pad_figure(touch: Touch) -> "Figure":
         bar = figure.colorbar(image, ax=figure.axes, fraction=0.025, pad=0.01, shrink=0.7)
         bar.set_label("Contact pressure (kPa)")
         make_plain(bar.ax)
-    draw_way(figure.add_subplot(grid[1, :]), touch)
+    _draw_way(figure.add_subplot(grid[1, :]), touch)
     return figure
 
 
@@ -83,7 +102,7 @@ def unit_raster_figure(touch: Touch) -> "Figure":
         sharex=True,
         heights=[_TRACE_IN, *heights],
     )
-    draw_way(panels[0, 0], touch)
+    _draw_way(panels[0, 0], touch)
     panels[0, 0].set_xlabel("")
     for panel, name in zip(panels[1:, 0], classes, strict=True):
         place = np.full(len(units), -1)
@@ -112,7 +131,7 @@ PICTURES = {"pad": pad_figure, "raster": unit_raster_figure}
 """Pictures of a touch by their names."""
 
 
-def view_mm(touch: Touch) -> tuple[float, float]:
+def _view_mm(touch: Touch) -> tuple[float, float]:
     """Half width and half length of what is shown: units and contact, of a line room around it."""
     units, nodes = touch.population, touch.solved.nodes
     half_width, half_length = (
@@ -122,9 +141,9 @@ def view_mm(touch: Touch) -> tuple[float, float]:
     return half_width, max(half_length, _LEAST_SHARE * half_width)
 
 
-def look_at_pad(panel: "Axes", touch: Touch) -> tuple[float, float]:
+def _look_at_pad(panel: "Axes", touch: Touch) -> tuple[float, float]:
     """Show what is in view, x as long as z; half width and half length of that."""
-    half_width, half_length = view_mm(touch)
+    half_width, half_length = _view_mm(touch)
     panel.set_xlim(-half_width, half_width)
     panel.set_ylim(-half_length, half_length)
     panel.set_aspect("equal")
@@ -132,25 +151,25 @@ def look_at_pad(panel: "Axes", touch: Touch) -> tuple[float, float]:
     return half_width, half_length
 
 
-def draw_pressure(panel: "Axes", touch: Touch, row: int) -> Any:  # noqa: ANN401 - an image
+def _draw_pressure(panel: "Axes", touch: Touch, row: int) -> Any:  # noqa: ANN401 - an image
     """Contact pressure of the solved state `row` as a map; None where nothing touches."""
     from matplotlib.colors import LinearSegmentedColormap
 
     if not touch.solved.nodes.column.size:
         return None
     pad = touch.solved.nodes.pad
-    grid = pressure_kpa(touch, row)
+    grid = _pressure_kpa(touch, row)
     middle = 0.5 * (pad.x_mm[1:] + pad.x_mm[:-1])
     edge = np.concatenate([2 * pad.x_mm[:1] - middle[:1], middle, 2 * pad.x_mm[-1:] - middle[-1:]])
     rows = int(touch.solved.nodes.row.min()) + np.arange(len(grid) + 1) - 0.5
-    along = view_mm(touch)[1] * np.array([-1, 1]) if pad.plane else rows * pad.spacing_mm
+    along = _view_mm(touch)[1] * np.array([-1, 1]) if pad.plane else rows * pad.spacing_mm
     top = max(float(np.nanmax(grid, initial=0.0)), 1e-3)
     # Greys without white and black: on paper all of it is seen.
     greys = LinearSegmentedColormap.from_list("pressure", ["#E4E4E4", "#303030"])
     return panel.pcolormesh(edge, along, grid, cmap=greys, vmin=0.0, vmax=top, rasterized=True)
 
 
-def pressure_kpa(touch: Touch, row: int) -> FloatArray:
+def _pressure_kpa(touch: Touch, row: int) -> FloatArray:
     """Pressure on all columns and the touched rows of the skin; NaN where nothing touches."""
     nodes = touch.solved.nodes
     first, last = int(nodes.row.min()), int(nodes.row.max())
@@ -160,7 +179,7 @@ def pressure_kpa(touch: Touch, row: int) -> FloatArray:
     return grid
 
 
-def draw_way(panel: "Axes", touch: Touch) -> None:
+def _draw_way(panel: "Axes", touch: Touch) -> None:
     """Depth and force over time."""
     times_ms, depth_um = touch.way.times_ms, touch.depth_um
     panel.plot(times_ms, depth_um)
@@ -211,7 +230,7 @@ def _draw_units(panel: "Axes", touch: Touch, mine: BoolArray, colour: str) -> No
 
 
 def _draw_view(panel: "Axes", touch: Touch, *, first: bool) -> None:
-    half_width, half_length = look_at_pad(panel, touch)
+    half_width, half_length = _look_at_pad(panel, touch)
     panel.set_xlabel("Across the finger (mm)")
     panel.set_ylabel("Along the finger (mm)" if first else "")
     if not first:
@@ -232,6 +251,149 @@ def _draw_view(panel: "Axes", touch: Touch, *, first: bool) -> None:
         panel.annotate("", xy=middle + half, xytext=middle - half, arrowprops=look)
 
 
-def hardest(touch: Touch) -> int:
+def _hardest(touch: Touch) -> int:
     """The solved state with the largest force."""
     return int(touch.solved.forces_n.sum(axis=1).argmax()) if touch.solved.forces_n.size else 0
+
+
+def check_movie(path: Path) -> None:
+    """Refuse what cannot be written, before anything is computed.
+
+    Raises UsageError: another suffix than .gif or .mp4. MissingError: an MP4 without ffmpeg.
+    """
+    if path.suffix.lower() not in (".gif", ".mp4"):
+        raise UsageError(f"{path}: expected a name in .gif or .mp4")
+    from matplotlib.animation import FFMpegWriter
+
+    if path.suffix.lower() == ".mp4" and not FFMpegWriter.isAvailable():
+        raise MissingError("an MP4 takes ffmpeg, which is not on the PATH; take .gif")
+
+
+@in_style
+def write_movie(path: Path, touch: Touch) -> None:
+    """Write a GIF, or an MP4 where ffmpeg is installed; see `check_movie`."""
+    check_movie(path)
+    from matplotlib.animation import FFMpegWriter
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    samples = np.unique(np.linspace(0, touch.way.pressed.size - 1, FRAMES).astype(np.int64))
+    figure, moving, show = _scene(touch, samples)
+    canvas = FigureCanvasAgg(figure)
+    figure.set_dpi(_DPI)
+    with replacing(path) as draft:
+        if path.suffix.lower() == ".gif":
+            _write_gif(draft, canvas, moving, show, samples)
+            return
+        writer = FFMpegWriter(fps=_FRAMES_A_SECOND)
+        with writer.saving(figure, draft, _DPI):
+            for sample in samples.tolist():
+                show(sample)
+                writer.grab_frame()
+
+
+def _write_gif(
+    path: Path,
+    canvas: Any,  # noqa: ANN401 - its methods are untyped
+    moving: "Sequence[Artist]",
+    show: Callable[[int], None],
+    samples: IntArray,
+) -> None:
+    """What stands still is drawn once."""
+    from PIL import Image
+
+    for one in moving:
+        one.set_animated(True)
+    canvas.draw()
+    still = canvas.copy_from_bbox(canvas.figure.bbox)
+    pictures = []
+    for sample in samples.tolist():
+        canvas.restore_region(still)
+        show(sample)
+        for one in moving:
+            canvas.figure.draw_artist(one)
+        picture = Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB")
+        pictures.append(picture.quantize(256))
+    pictures[0].save(
+        path,
+        format="GIF",
+        save_all=True,
+        append_images=pictures[1:],
+        duration=round(1000 / _FRAMES_A_SECOND),
+        loop=0,
+    )
+
+
+def _scene(
+    touch: Touch, samples: IntArray
+) -> tuple["Figure", "list[Artist]", Callable[[int], None]]:
+    """The figure, what moves in it, and what brings that to a sample."""
+    from matplotlib.figure import Figure
+    from scipy.interpolate import make_interp_spline
+
+    half_width, half_length = _view_mm(touch)
+    tall_in = min((PAGE_WIDTH_IN - 1.6) / 3 * half_length / half_width, 3.6)
+    height_in = tall_in + 1.9
+    figure = Figure(figsize=(PAGE_WIDTH_IN, height_in))
+    top = 1 - 0.53 / height_in  # the clock stands above
+    grid = figure.add_gridspec(
+        2, 3, height_ratios=[tall_in, 0.7], left=0.08, right=0.93, bottom=0.1, top=top, hspace=0.45
+    )
+    panels = [figure.add_subplot(grid[0, column]) for column in range(3)]
+    for panel in panels:
+        _look_at_pad(panel, touch)
+        panel.set_xlabel("Across (mm)")
+    panels[0].set_ylabel("Along (mm)")
+    way = figure.add_subplot(grid[1, :])
+    _draw_way(way, touch)
+    cursor = way.axvline(0.0, color=INK, linewidth=HAIR_PT)
+    pressure = _draw_pressure(panels[0], touch, _hardest(touch))
+    most_kpa = pressure.get_clim()[1] if pressure else 0.0
+    panels[0].set_title(f"Pressure, up to {most_kpa:.0f} kPa", fontsize=TEXT_PT)
+    field, extent = _stress_field(touch)
+    top_kpa = max(float(np.percentile(field, 99.9)) * _KPA, 1e-3)
+    stress = panels[1].imshow(
+        field[0], extent=extent, origin="lower", cmap="magma", vmin=0, vmax=top_kpa,
+        interpolation="bilinear", aspect="equal",
+    )  # fmt: skip
+    panels[1].set_title(f"Stress at SA, up to {top_kpa:.0f} kPa", fontsize=TEXT_PT)
+    units = touch.population
+    colours = [AFFERENT_COLOURS[name] for name in units.afferent]
+    panels[2].scatter(units.x_mm, units.z_mm, s=1.0, color=FAINT)
+    lights = panels[2].scatter(units.x_mm, units.z_mm, s=0.0, c=colours, linewidths=0)
+    panels[2].set_title(f"Spikes of the last {_LIT_MS:g} ms", fontsize=TEXT_PT)
+    clock = figure.suptitle("")
+    at, times_ms, fired = touch.solved.at, touch.way.times_ms, touch.fired
+    frame_of = {int(sample): frame for frame, sample in enumerate(samples)}
+    # Linear between states: enough for the eye.
+    shown = make_interp_spline(touch.solved.knots, field, k=1)(at[samples]) * _KPA
+
+    def show(sample: int) -> None:
+        if pressure:
+            row = int(np.abs(touch.solved.knots - at[sample]).argmin())
+            pressure.set_array(_pressure_kpa(touch, row))
+        stress.set_data(shown[frame_of[sample]])
+        since_ms = times_ms[sample] - fired.time_ms
+        recent = fired.unit[(since_ms >= 0) & (since_ms < _LIT_MS)]
+        lit = np.bincount(recent, minlength=len(units))
+        lights.set_sizes(np.where(lit > 0, 10.0 + 6.0 * lit, 0.0))
+        cursor.set_xdata([times_ms[sample]] * 2)
+        clock.set_text(f"{times_ms[sample]:.0f} ms")
+
+    moving = [*([pressure] if pressure else []), stress, lights, cursor, clock]
+    return figure, moving, show
+
+
+def _stress_field(touch: Touch) -> tuple[FloatArray, tuple[float, float, float, float]]:
+    """Stress ``(state, z, x)`` at SA's depth on a grid, and the edges of that."""
+    half_width, half_length = _view_mm(touch)
+    x_mm, z_mm = (np.arange(-half, half + _GRID_MM, _GRID_MM) for half in (half_width, half_length))
+    pad = touch.solved.nodes.pad
+    site = pad.finger.afferents["SA"]
+    x, z = (each.ravel() for each in np.meshgrid(x_mm, z_mm))
+    inside = np.clip(x, -pad.widest_mm, pad.widest_mm)
+    depth = np.full(x.size, site.depth_mm)
+    influence = influence_pa(pad, touch.solved.nodes, np.full(x.size, site.layer), inside, z, depth)
+    field = von_mises_pa(influence, touch.solved.forces_n).reshape(-1, z_mm.size, x_mm.size)
+    margin = 0.5 * _GRID_MM
+    edges = (x_mm[0] - margin, x_mm[-1] + margin, z_mm[0] - margin, z_mm[-1] + margin)
+    return field, (float(edges[0]), float(edges[1]), float(edges[2]), float(edges[3]))

@@ -99,14 +99,10 @@ def rates_figure(
 ) -> "Figure":
     """Rate against amplitude: a block of panels a family of stimuli, in it a row a class.
 
-    Lines with dots are `rates` in the colour of their class; rings are `observed`, thin
-    lines `published`, dashes `touchsim`, all of the frequencies of `rates` alone. Panels of
-    a class and family share a scale. `names` are other words for `OWN` and `PUBLISHED`.
-
-    Raises
-    ------
-    UsageError
-        No rate of a stimulus that has a frequency and an amplitude.
+    Lines with dots are `rates` in the colour of their class; rings are `observed`, thin lines
+    `published`, dashes `touchsim`, all of the frequencies of `rates` alone. Panels of a class and
+    family share a scale. `names` are other words for `OWN` and `PUBLISHED`. Raises UsageError: no
+    rate of a stimulus that has a frequency and an amplitude.
     """
     from pandas import DataFrame
 

@@ -112,13 +112,8 @@ def closure_text(response: ResponseMap) -> str:
 def deflection_figure(deflections: Sequence[Deflection]) -> "Figure":
     """The skin's profile on every mesh, with dots every 0.5 mm as in the paper.
 
-    In the middle how each mesh differs from the finest, where there are two or more;
-    right the force on the probe on its way down.
-
-    Raises
-    ------
-    UsageError
-        No profile or more than five.
+    In the middle how each mesh differs from the finest, where there are two or more; right the
+    force on the probe on its way down. Raises UsageError: no profile or more than five.
     """
     if not 0 < len(deflections) <= MOST_MESHES:
         raise UsageError(f"{len(deflections)} profiles, expected 1 to {MOST_MESHES} in one picture")

@@ -118,13 +118,9 @@ def psth_figure(
 ) -> "Figure":
     """Rate in each bin of `bin_ms`, mean over the cells or repeats that `trains` have.
 
-    A silent cell counts where it is among `trains`. All rows of a class share a scale,
-    which stands below its name. The other arguments are those of a raster.
-
-    Raises
-    ------
-    UsageError
-        Nothing to draw, spikes that have no row, no bin width or too many bins.
+    A silent cell counts where it is among `trains`. All rows of a class share a scale, which stands
+    below its name. The other arguments are those of a raster. Raises UsageError: nothing to draw,
+    spikes that have no row, no bin width or too many bins.
     """
     trains = list(trains)
     rows, classes = _rows_and_classes(trains, stimuli, afferents)
@@ -156,14 +152,10 @@ def isi_figure(
 ) -> "Figure":
     """Share of a row's intervals in each bin of `bin_ms`; how many there are is beside it.
 
-    Intervals are those between neighbouring spikes of one cell. The axis ends at
-    `longest_ms`, by default the longest interval of all; shares are of all intervals,
-    drawn or not. All rows of a class share a scale, which stands below its name.
-
-    Raises
-    ------
-    UsageError
-        Nothing to draw, spikes that have no row, no bin width or too many bins.
+    Intervals are those between neighbouring spikes of one cell. The axis ends at `longest_ms`, by
+    default the longest interval of all; shares are of all intervals, drawn or not. All rows of a
+    class share a scale, which stands below its name. Raises UsageError: nothing to draw, spikes
+    that have no row, no bin width or too many bins.
     """
     trains = list(trains)
     rows, classes = _rows_and_classes(trains, stimuli, afferents)

@@ -137,10 +137,7 @@ def line_colour(fill: str) -> tuple[float, float, float]:
 def check_suffix(path: Path) -> str:
     """Format that the suffix of `path` stands for.
 
-    Raises
-    ------
-    UsageError
-        No suffix, or one of which Matplotlib makes no picture.
+    Raises UsageError: no suffix, or one of which Matplotlib makes no picture.
     """
     import_matplotlib()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -158,12 +155,8 @@ def check_suffix(path: Path) -> str:
 def save_figure(figure: "Figure", path: Path, dpi: float = DPI) -> None:
     """Write `figure`; its suffix chooses the format, the same figure the same bytes.
 
-    Raises
-    ------
-    UsageError
-        A suffix that Matplotlib does not know.
-    OutputError
-        A place where nothing can be written.
+    Raises UsageError: a suffix that Matplotlib does not know. OutputError: a place where nothing
+    can be written.
     """
     from matplotlib import rc_context
     from matplotlib.backend_bases import get_registered_canvas_class

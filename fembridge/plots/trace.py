@@ -31,14 +31,9 @@ _PA_PER_KPA = 1000.0
 def trace_figure(traces: Sequence[StressTrace], *, waveform: Stimulus | None = None) -> "Figure":
     """Von Mises stress over time: a panel a trace, from top to bottom.
 
-    All have the same unit, kPa, or Pa where none reaches 1 kPa, and each its own scale.
-    `waveform` is the stimulus that made them, to be drawn above; what is outside its
-    window gets a grey ground.
-
-    Raises
-    ------
-    UsageError
-        No trace, or more than `MOST_PANELS`.
+    All have the same unit, kPa, or Pa where none reaches 1 kPa, and each its own scale. `waveform`
+    is the stimulus that made them, to be drawn above; what is outside its window gets a grey
+    ground. Raises UsageError: no trace, or more than `MOST_PANELS`.
     """
     from matplotlib.ticker import MaxNLocator
 

@@ -42,13 +42,9 @@ _CLEAR_SHARE = 0.22
 def waveform_figure(stimuli: Sequence[Stimulus]) -> "Figure":
     """The probe's depth over time, a panel a stimulus, in reading order.
 
-    Stimuli of one family share a scale; each family begins a row. Up is into the skin. What
-    is outside the window in which spikes are counted gets a grey ground.
-
-    Raises
-    ------
-    UsageError
-        No stimulus.
+    Stimuli of one family share a scale; each family begins a row. Up is into the skin. What is
+    outside the window in which spikes are counted gets a grey ground. Raises UsageError: no
+    stimulus.
     """
     if not stimuli:
         raise UsageError("no stimulus to draw")

@@ -117,10 +117,7 @@ class Runs:
     ) -> Path:
         """Folder with the results of a deck's text, of `increments` equal increments of `dt_ms`.
 
-        Raises
-        ------
-        SolverError
-            The run is not accepted.
+        Raises SolverError: the run is not accepted.
         """
         run = RunFolder(
             folder=self.folder / RUNS_FOLDER / name,
@@ -192,10 +189,7 @@ def indent(
 ) -> Indented:
     """Solve and read one indentation.
 
-    Raises
-    ------
-    SolverError
-        The run is not accepted.
+    Raises SolverError: the run is not accepted.
     """
     stimulus = stimulus or down(steps=STEPS_QUICK if runs.quick else STEPS)
     model = replace(model, support="prescribed", law=law)

@@ -183,10 +183,7 @@ def response_of(
 ) -> ResponseMap:
     """The response at that place, the stored one of a preset, or that of a finger, solved.
 
-    Raises
-    ------
-    MissingError
-        A finger of one's own, and no solver.
+    Raises MissingError: a finger of one's own, and no solver.
     """
     if response is not None:
         return solved_source(Path(response)).response
@@ -227,12 +224,8 @@ def _left_out(observed: ObservedRates | None, log: Callable[[str], None]) -> tup
 def judged_models(word: str = DEFAULT_SET) -> tuple[JudgedModel, ...]:
     """Model called `word` or in that file, and the published one after it.
 
-    Raises
-    ------
-    UsageError
-        A file that calls its model by the name of another source of rates.
-    ParameterError
-        No model of that name, or a file that is not there or holds none.
+    Raises UsageError: a file that calls its model by the name of another source of rates.
+    ParameterError: no model of that name, or a file that is not there or holds none.
     """
     published = _model(PUBLISHED_NAME)
     if word == PUBLISHED_NAME:

@@ -13,7 +13,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -75,7 +74,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from pandas import DataFrame, Series
+    from pandas import DataFrame
 
 PAGE = "index.html"
 RECORD = "validation.toml"
@@ -166,8 +165,8 @@ def page_text(study: Validation, command: str, folder: Path) -> str:
         families=[_family(study, family) for family in FAMILIES],
         observed=observed,
         constants={**vars(rates), **vars(validate), **vars(threshold)},
-        summary=_agreement_frame(study, study.rates.reference()),
-        touchsim=_agreement_frame(study, TOUCHSIM),
+        summary=_summary_frame(study, study.rates.reference()),
+        touchsim=_summary_frame(study, TOUCHSIM),
         goals_met=[int(known[name].sum()) for name in ("meets_paper", "meets_goal")],
         goals_known=len(known),
         shortfalls=shortfalls(study),
@@ -315,68 +314,63 @@ def _in_words(agreement: "DataFrame") -> "DataFrame":
         agreement.rmse_ips.map(lambda value: number(value, ".1f")),
         agreement.bias_ips.map(lambda value: number(value, "+.1f")),
     )
-    words = DataFrame(dict(zip(_HEADS, texts, strict=True)))
+    words = DataFrame(dict(zip(_HEADS, texts, strict=True))).rename_axis(columns="number")
     words[agreement["count"] == 0] = ["none", "", "", ""]
     return words
 
 
-def _laid_out(
-    words: "DataFrame | Series[str]", across: str, rows: list[Any], columns: list[Any]
+def _laid_out(words: Any, *across: str) -> "DataFrame":  # noqa: ANN401 - pandas' stubs
+    """`words`, some levels of their index as columns; both in the order in which they come."""
+    down = [name for name in words.index.names if name not in across]
+    rows, columns = (words.index.droplevel(levels).unique() for levels in ([*across], down))
+    wide: DataFrame = words.unstack([*across]).reindex(index=rows, columns=columns)  # noqa: PD010
+    wide.index.names, wide.columns.names = [None] * rows.nlevels, [None] * columns.nlevels
+    return wide
+
+
+def _agreement_frame(
+    study: Validation, cells: "DataFrame", across: str, **titles: Mapping[str, str]
 ) -> "DataFrame":
-    """`words`, the level `across` of their index as columns; rows and columns in this order."""
-    wide: Any = words.unstack(across)  # noqa: PD010 - nothing to aggregate
-    if wide.columns.nlevels > 1:
-        wide = wide.swaplevel(axis=1)
-    wide = wide.reindex(index=rows, columns=columns)
-    wide.index.names, wide.columns.names = [None, None], [None] * wide.columns.nlevels
-    laid_out: DataFrame = wide
-    return laid_out
+    """`cells` of the agreement in words; `titles` for the values of each level that is shown."""
+    words: Any = _in_words(cells).stack()  # noqa: PD013 - by their order
+    for level, names in {"source": _titles(study), **titles}.items():
+        words = words.rename(names, level=level)
+    shown = {"source", "afferent", "number", *titles}
+    words.index = words.index.droplevel([name for name in words.index.names if name not in shown])
+    return _laid_out(words, across, "number").fillna("")
 
 
 def _titles(study: Validation) -> dict[str, str]:
     return {source: source_title(source, study.judged.name) for source in study.rates.sources}
 
 
-def _by_family(
-    study: Validation, sources: Sequence[str], references: Mapping[str, str]
-) -> "DataFrame":
-    """Agreement of `sources` over whole families, each against its own of `references`."""
-    words = _in_words(study.agreement).xs(EVERY_SET, level="set")
-    reference, family = (words.index.get_level_values(name) for name in ("reference", "family"))
-    words = words[reference == family.map(references)].droplevel("reference")
-    rows, columns = list(product(references, AFFERENTS)), list(product(sources, _HEADS))
-    frame = _laid_out(words, "source", rows, columns).astype(object).fillna("")
-    return frame.rename(columns=_titles(study), level=0)
-
-
-def _agreement_frame(study: Validation, reference: str) -> "DataFrame":
+def _summary_frame(study: Validation, reference: str) -> "DataFrame":
     """All families against `reference`; where rates were observed, which goals are met."""
-    references = dict.fromkeys((family.name for family in FAMILIES), reference)
-    frame = _by_family(study, study.rates.compared(reference), references)
+    cells = study.agreement.loc[[reference]]
+    cells = cells[cells.source.isin(study.rates.compared(reference)) & (cells["set"] == EVERY_SET)]
+    names = {one.name: f"{one.title} ({len(one.stimuli)} stimuli)" for one in FAMILIES}
+    frame = _agreement_frame(study, cells, "source", family=names)
     if reference == OBSERVED:
+        mine = cells[cells.source == study.judged.name]
         paper = f"R² > {PAPER_R_SQUARED:g}, p < {rates.PAPER_P_VALUE:g}"
         ours = f"R² ≥ {rates.GOAL_R_SQUARED:g}, RMSE below TouchSim"
-        place = (reference, study.judged.name, EVERY_SET)
-        cells = study.agreement.xs(place, level=("reference", "source", "set"))
-        for goal, column in ((paper, "meets_paper"), (ours, "meets_goal")):
-            frame["Goals of this model", goal] = cells[column].map(_mark)
-    names = {one.name: f"{one.title} ({len(one.stimuli)} stimuli)" for one in FAMILIES}
-    return frame.rename(index=names, level=0)
+        for goal, met in ((paper, mine.meets_paper), (ours, mine.meets_goal)):
+            frame["Goals of this model", goal] = [_mark(one) for one in met]
+    return frame
 
 
 def _fingertip_frame(study: Validation) -> "DataFrame":
     """The whole fingertip beside the judged model, against observed rates where there are any."""
     references = {one.name: study.rates.reference(one.stimuli) for one in FAMILIES}
-    sources = [FINGERTIP, study.judged.name]
-    if OBSERVED in references.values():  # else TouchSim is what they are held against
-        sources.append(TOUCHSIM)
-    frame = _by_family(study, sources, references)
     names = {
         one.name: one.title + " (against TouchSim)" * (references[one.name] == TOUCHSIM)
         for one in FAMILIES
     }
-    heads = {"This model": "This model, on the section"}
-    return frame.rename(columns=heads, level=0).rename(index=names, level=0)
+    heads = {**_titles(study), study.judged.name: "This model, on the section"}
+    cells = study.agreement[study.agreement["set"] == EVERY_SET]
+    cells = cells[cells.source.isin([study.judged.name, FINGERTIP, TOUCHSIM])]
+    cells = cells[cells.reference == cells.family.map(references)]
+    return _agreement_frame(study, cells, "source", family=names, source=heads)
 
 
 def _mark(met: bool | None) -> str:
@@ -389,16 +383,16 @@ def _mark(met: bool | None) -> str:
 def _family(study: Validation, family: Family) -> dict[str, Any]:
     """One family of stimuli, what it is compared with, and how that went."""
     reference = study.rates.reference(family.stimuli)
-    sources = study.rates.compared(reference)
-    words = _in_words(study.agreement).loc[reference].xs(family.name, level="family")
     titles = {one.name: one.title for one in family.sets} | {EVERY_SET: "all"}
-    rows, columns = list(product(sources, titles)), list(product(AFFERENTS, _HEADS))
-    frame = _laid_out(words, "afferent", rows, columns).rename(index=_titles(study), level=0)
+    cells = study.agreement.loc[[reference]]
+    cells = cells[
+        cells.source.isin(study.rates.compared(reference)) & (cells.family == family.name)
+    ]
     return {
         "of": family,
         "observed": reference == OBSERVED,
         "sources": [one for one in study.rates.known(family.stimuli) if one != FINGERTIP],
-        "agreement": frame.rename(index=titles, level=1),
+        "agreement": _agreement_frame(study, cells, "afferent", set=titles),
     }
 
 
@@ -427,42 +421,40 @@ def _threshold_frames(study: Validation) -> dict[str, "DataFrame"]:
         )
     }
     tables["locking"] = strengths.map(lambda value: number(value, ".2f")).loc[[*study.simulations]]
-    frames = {}
-    for name, words in tables.items():
-        rows = list(product(words.index.unique("source"), AFFERENTS))
-        frame = _laid_out(words, "frequency_hz", rows, list(strongest.values())).fillna(ABSENT)
-        frames[name] = frame.rename(index=_titles(study), level=0).rename(columns="{:g} Hz".format)
-    return frames
+    return {
+        name: _laid_out(words.rename(_titles(study), level="source"), "frequency_hz")
+        .fillna(ABSENT)
+        .rename(columns="{:g} Hz".format)
+        for name, words in tables.items()
+    }
 
 
 def _source_frame(study: Validation) -> "DataFrame":
     """What each source is, how many rates it has, of how many cells."""
     from pandas import DataFrame
 
-    models = {model.name: model for model in study.models}
-    rows = {}
-    for source in study.rates.sources:
-        if source == OBSERVED and study.observed is not None:
-            digest = study.observed.sha256[:12]
-            what = f"file {study.observed.path.name}, SHA-256 {digest}"
-            cells, preindent = "as in the file", "as in the file"
-        elif source == TOUCHSIM:
-            what = (
-                "Saal et al. 2017, a model, not data: fitted unit by unit on recordings of these "
-                "experiments, sinusoids, diharmonics and noises; computed here and stored"
-            )
-            cells = ", ".join(f"{count} {name}" for name, count in TOUCHSIM_MODELS.items())
-            preindent = "0"
-        else:
-            model = models[source]
-            what = model.source if source == PUBLISHED_NAME else f"{source}: {model.source}"
-            cells = str(validate.cells_of(study.simulations[source]))
-            preindent = f"{model.preindent_um:g}"
-        known = int((study.rates.frame.source == source).sum())
-        rates = f"{known} of {len(STIMULI) * len(AFFERENTS)}"
-        rows[source_title(source, study.judged.name)] = (what, rates, cells, preindent)
-    heads = ["What it is", "Rates", "Cells a class", "Pre-indentation (µm)"]
-    return DataFrame(list(rows.values()), columns=heads, index=list(rows))
+    rows = {
+        model.name: (
+            model.source if model.name == PUBLISHED_NAME else f"{model.name}: {model.source}",
+            str(validate.cells_of(study.simulations[model.name])),
+            f"{model.preindent_um:g}",
+        )
+        for model in study.models
+    }
+    rows[TOUCHSIM] = (
+        "Saal et al. 2017, a model, not data: fitted unit by unit on recordings of these "
+        "experiments, sinusoids, diharmonics and noises; computed here and stored",
+        ", ".join(f"{count} {name}" for name, count in TOUCHSIM_MODELS.items()),
+        "0",
+    )
+    if study.observed is not None:
+        what = f"file {study.observed.path.name}, SHA-256 {study.observed.sha256[:12]}"
+        rows[OBSERVED] = (what, "as in the file", "as in the file")
+    heads = ["What it is", "Cells a class", "Pre-indentation (µm)"]
+    frame = DataFrame([rows[name] for name in study.rates.sources], columns=heads)
+    known = study.rates.frame.source.value_counts().reindex(study.rates.sources, fill_value=0)
+    frame.insert(1, "Rates", [f"{count} of {len(STIMULI) * len(AFFERENTS)}" for count in known])
+    return frame.set_axis(list(_titles(study).values()))
 
 
 def _held_out_frame(study: Validation) -> "DataFrame":
@@ -472,14 +464,10 @@ def _held_out_frame(study: Validation) -> "DataFrame":
         "held_out_rmse_ips": "left out",
         "touchsim_rmse_ips": "TouchSim",
     }
-    table = study.held_out.rename(columns=titles)
-    heads = [f"{hz:g} Hz".replace("nan Hz", "all") for hz in table.frequency_hz]
-    long = table.assign(head=heads).melt(["afferent", "head"], list(titles.values()))
-    words = long.set_index(["afferent", "variable", "head"])["value"].map(
-        lambda value: number(value, ".1f")
-    )
-    rows = list(product(dict.fromkeys(table.afferent), titles.values()))
-    return _laid_out(words, "head", rows, list(dict.fromkeys(heads)))
+    heads = [f"{hz:g} Hz".replace("nan Hz", "all") for hz in study.held_out.frequency_hz]
+    table = study.held_out.assign(head=heads).set_index(["afferent", "head"]).rename(columns=titles)
+    words = table[list(titles.values())].map(lambda value: number(value, ".1f"))
+    return _laid_out(words.rename_axis(columns="of").stack(), "head")  # noqa: PD013 - by order
 
 
 def _timing_frame(table: "DataFrame") -> "DataFrame":

@@ -121,10 +121,7 @@ STUDIES = (
 def studies_named(names: Sequence[str] | None) -> tuple[Study, ...]:
     """Studies of these names, in the order of the page; None: all.
 
-    Raises
-    ------
-    UsageError
-        A name that no study has.
+    Raises UsageError: a name that no study has.
     """
     known = [study.name for study in STUDIES]
     unknown = [name for name in names or () if name not in known]
@@ -187,10 +184,7 @@ def verify(
 def versions_here() -> dict[str, str]:
     """Versions that the numbers depend on.
 
-    Raises
-    ------
-    MissingError
-        There is no solver.
+    Raises MissingError: there is no solver.
     """
     if find_ccx() is None:
         raise MissingError(
@@ -207,10 +201,7 @@ def write_report(
 ) -> Table:
     """Write tables, summary and, last, the page; the figures are there. The summary.
 
-    Raises
-    ------
-    OutputError
-        `folder` cannot be written.
+    Raises OutputError: `folder` cannot be written.
     """
     for finding in findings.values():
         for name, frame in finding.tables.items():

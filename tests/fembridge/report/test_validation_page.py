@@ -196,7 +196,7 @@ def test_the_whole_fingertip_stands_beside_the_section_family_by_family(read, re
         known = {source for source, name, _ in rates if name == family.name}
         reference = "observed" if "observed" in known else "TouchSim"
         target = rates.get((reference, family.name, afferent), {})
-        for source, words in zip(("fingertip", "own"), (cells[-12:-8], cells[-8:-4]), strict=True):
+        for source, words in zip(("own", "fingertip"), (cells[-12:-8], cells[-8:-4]), strict=True):
             found = rates[source, family.name, afferent]
             off_ips = [found[stimulus] - rate for stimulus, rate in target.items()]
             if not off_ips:

@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 from fembridge.cli import main
-from fembridge.plots import pad_movie
 
 
 def run(capsys, *words):
@@ -17,7 +16,7 @@ def run(capsys, *words):
 
 
 def test_touch_writes_tables_and_pictures(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(pad_movie, "FRAMES", 4)
+    monkeypatch.setattr("fembridge.plots.pad.FRAMES", 4)
     code, printed = run(
         capsys, "touch", "--shape", "grating", "--press-n", 0.2, "--hold-ms", 20,
         "--population", "fingertip:density=0.2", "--animate", "short.gif", "-o", tmp_path / "out",
