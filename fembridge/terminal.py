@@ -12,7 +12,8 @@ import re
 import sys
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from datetime import timedelta
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
@@ -70,6 +71,22 @@ def error_line(problem: object) -> str:
 def log(line: object) -> None:
     """A line on stderr, beside what a verb prints."""
     print(line, file=sys.stderr, flush=True)
+
+
+def print_table(
+    head: Sequence[str], rows: Sequence[Sequence[str]], *, words: int = 1, rest: str = ""
+) -> None:
+    """Print a table: its first `words` columns begin, the others end, in a line.
+
+    Of many rows the first are shown, and the `rest` is in a file.
+    """
+    lines = [head, *rows[: MOST_LINES if rest else None]]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
+        cells = zip(line, widths, "<" * words + ">" * len(widths), strict=False)
+        print("  ".join(f"{cell:{side}{width}}" for cell, width, side in cells).rstrip())
+    if len(rows) >= len(lines):
+        print(f"... {len(rows) + 1 - len(lines)} more in {rest}")
 
 
 class Notes(list[str]):
@@ -199,14 +216,7 @@ def how_far(progress: "Progress") -> str:
         f"{progress.increment}/{progress.increments} increments, {progress.iterations} iterations"
     )
     left_s = progress.left_s
-    return words if left_s is None else f"{words}, {clock(left_s)} left"
-
-
-def clock(left_s: float) -> str:
-    """A time as ``1:02:03`` or ``2:03``."""
-    minutes, seconds = divmod(round(left_s), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"
+    return words if left_s is None else f"{words}, {timedelta(seconds=round(left_s))} left"
 
 
 def _start() -> "rich.progress.Progress":

@@ -1,1 +1,46 @@
-"""The verbs of the command line, one module each: glue, no logic of their own."""
+"""The verbs of the command line, one module each: glue, no logic of their own.
+
+A verb computes, prints what people read, and ends in files, which all of them write and
+name in the same way.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+Content: TypeAlias = "str | DataFrame | Figure | Callable[[Path], object]"
+"""What is in a file: a text, a table, a picture, or what writes it to a path."""
+
+
+def write_files(folder: Path, files: Mapping[str, Content]) -> dict[str, Any]:
+    """Write `files` into `folder`, all or none; what `written` gives.
+
+    Raises
+    ------
+    OutputError
+        As `fembridge.store.filling`.
+    """
+    from fembridge.plots.style import save_figure
+    from fembridge.store import filling, write_text
+
+    with filling(folder, last=list(files)[-1]) as draft:
+        for name, content in files.items():
+            if callable(content):
+                content(draft / name)
+            elif isinstance(content, str):
+                write_text(draft / name, content)
+            elif hasattr(content, "to_csv"):
+                write_text(draft / name, content.to_csv(index=False))
+            else:
+                save_figure(content, draft / name)
+    return written(folder, list(files))
+
+
+def written(folder: Path, files: Sequence[str]) -> dict[str, Any]:
+    """Name the `files` that were written into `folder`; the same for a summary."""
+    print(f"{', '.join(files)}: {folder}")
+    return {"output": folder, "files": files}

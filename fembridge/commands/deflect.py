@@ -8,9 +8,10 @@ ten minutes. Profiles are written to the output folder as a table and a picture.
 import argparse
 from typing import TYPE_CHECKING, Any
 
+from fembridge.commands import Content, write_files
 from fembridge.commands.options import add_from, add_output_option, option, words_of
 from fembridge.solver.settings import SolverSettings
-from fembridge.terminal import SolverBars, log
+from fembridge.terminal import SolverBars, log, print_table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,9 +50,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from fembridge.errors import UsageError
     from fembridge.plots.response import deflection_figure
-    from fembridge.plots.style import save_figure
     from fembridge.response.deflection import convergence, stored_deflection, stored_deflections
-    from fembridge.store import check_output, filling
+    from fembridge.store import check_output
     from fembridge.tables import write_table
 
     for name in ("depth_mm", "threads", "time_limit_s"):
@@ -67,14 +67,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         for mesh in shown
         for row in np.stack([mesh.distance_mm, mesh.deflection_mm], axis=1).tolist()
     ]
-    with filling(args.output, last=TABLE_FILE) as draft:
-        write_table(draft / TABLE_FILE, ("mesh", "distance_mm", "deflection_mm"), profile)
-        save_figure(deflection_figure(shown), draft / PICTURE_FILE)
+    columns = ("mesh", "distance_mm", "deflection_mm")
     rows = convergence(shown) if len(shown) > 1 else []
     _print_table(shown, rows)
-    print(f"{TABLE_FILE}, {PICTURE_FILE}: {args.output}")
+    files: dict[str, Content] = {
+        PICTURE_FILE: deflection_figure(shown),
+        TABLE_FILE: lambda path: write_table(path, columns, profile),
+    }
     return {
-        "output": args.output,
+        **write_files(args.output, files),
         "source": "stored" if args.solver is None else "solved",
         "depth_mm": shown[0].depth_mm,
         "meshes": [
@@ -117,17 +118,20 @@ def _print_table(shown: "Sequence[Deflection]", rows: list[dict[str, Any]]) -> N
     """A column a mesh; of several also the last step between two, and the limit if there is one."""
     from fembridge.response.deflection import COMPARED_MM
 
-    def line(label: str, cells: "Sequence[object]", end: str = "") -> None:
-        print(f"{label:<22}{''.join(f'{cell:>10}' for cell in cells)}{end}")
-
-    ends = [""] * (len(COMPARED_MM) + 1)
+    ends: list[list[str]] = [[] for _ in range(len(COMPARED_MM) + 3)]
     if rows:
-        limits = ("-" if row["limit"] != row["limit"] else f"{row['limit']:.5f}" for row in rows)
-        changes = (f"{row['change_percent']:>8.2f} %" for row in rows)
-        ends = [f"{change}{limit:>10}" for change, limit in zip(changes, limits, strict=True)]
-    line("mesh", [mesh.name for mesh in shown], f"{'change':>10}{'limit':>10}" if rows else "")
-    line("elements", [mesh.elements for mesh in shown])
-    for x_mm, end in zip(COMPARED_MM, ends, strict=False):
-        cells = [f"{float(mesh.at(x_mm)):.5f}" for mesh in shown]
-        line(f"deflection at {x_mm:g} mm", cells, f"{end} mm")
-    line("force", [f"{mesh.force_n_per_mm:.5f}" for mesh in shown], f"{ends[-1]} N/mm")
+        ends = [["change", "limit"], ["", ""]]
+        for row in rows:
+            limit = "-" if row["limit"] != row["limit"] else f"{row['limit']:.5f}"
+            ends.append([f"{row['change_percent']:.2f} %", limit])
+    lines = [
+        ["mesh", *(mesh.name for mesh in shown), ""],
+        ["elements", *(str(mesh.elements) for mesh in shown), ""],
+        *(
+            [f"deflection at {x_mm:g} mm", *(f"{float(mesh.at(x_mm)):.5f}" for mesh in shown), "mm"]
+            for x_mm in COMPARED_MM
+        ),
+        ["force", *(f"{mesh.force_n_per_mm:.5f}" for mesh in shown), "N/mm"],
+    ]
+    head, *body = ([*line[:-1], *end, line[-1]] for line, end in zip(lines, ends, strict=True))
+    print_table(head, body)

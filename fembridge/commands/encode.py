@@ -24,6 +24,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fembridge.commands import Content, write_files
 from fembridge.commands.options import (
     Several,
     add_export_option,
@@ -33,12 +34,12 @@ from fembridge.commands.options import (
     window,
     words_of,
 )
-from fembridge.terminal import MOST_LINES, log
+from fembridge.terminal import log, print_table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from fembridge.tables import Rate, SpikeTrain
+    from fembridge.tables import SpikeTrain
     from fembridge.trace import StressTrace, Traces
 
 # Up to so many units have a row each in the raster.
@@ -92,9 +93,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Encode and write; the summary holds the rate of each trace."""
     from fembridge.encoding import encode
-    from fembridge.recording import Recording, export, require_libraries
-    from fembridge.store import filling
-    from fembridge.tables import write_rates, write_spikes
+    from fembridge.plots.spikes import raster_figure
+    from fembridge.recording import FORMATS, Recording, require_libraries
+    from fembridge.tables import Rate, write_rates, write_spikes
 
     require_libraries(args.export)
     named: dict[str, list[str]] = {}
@@ -111,78 +112,80 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     )
     found, traces, trains = encoded.source, encoded.traces, encoded.trains
     windows_ms = [_window(trace, args, found) for trace in traces]
-    rates, rows = _rates(traces, trains, windows_ms)
-    files = [args.output / "spikes.csv", args.output / "rates.csv"]
-    with filling(args.output, last="rates.csv") as draft:
-        write_spikes(draft / "spikes.csv", trains)
-        write_rates(draft / "rates.csv", rates)
-        if not args.no_raster:
-            from fembridge.plots.spikes import raster_figure
-            from fembridge.plots.style import save_figure
-
-            files.append(args.output / "raster.png")
-            span_ms = (
-                min(trace.start_ms for trace in traces),
-                max(float(trace.times_ms[-1]) for trace in traces),
-            )
-            shown = set(windows_ms).pop() if len(set(windows_ms)) == 1 else None
-            narrowed = shown is not None and shown != span_ms
-            figure = raster_figure(
-                _in_rows(trains), span_ms=span_ms, window_ms=shown if narrowed else None
-            )
-            save_figure(figure, draft / "raster.png")
+    rows = _rows(traces, trains, windows_ms)
+    rates = [Rate(row["stimulus"], row["afferent"], row["rate_ips"], row["unit"]) for row in rows]
+    files: dict[str, Content] = {"spikes.csv": lambda path: write_spikes(path, trains)}
+    spans_ms = [(trace.start_ms, float(trace.times_ms[-1])) for trace in traces]
+    span_ms = min(first for first, _ in spans_ms), max(last for _, last in spans_ms)
+    if not args.no_raster:
+        shown = set(windows_ms).pop() if len(set(windows_ms)) == 1 else None
+        window_ms = None if shown == span_ms else shown
+        files["raster.png"] = raster_figure(_in_rows(trains), span_ms=span_ms, window_ms=window_ms)
     if args.export:
-        t_stop_ms = max(float(trace.times_ms[-1]) for trace in traces)
         nodes = {(str(trace.afferent), trace.unit): trace.node for trace in traces}
-        recording = Recording.of_trains(trains, traces[0].dt_ms, t_stop_ms, nodes)
-        files += [args.output / name for name in export(recording, args.output, args.export)]
+        recording = Recording.of_trains(trains, traces[0].dt_ms, span_ms[1], nodes)
+        files |= {f"spikes{FORMATS[word][0]}": recording.write for word in args.export}
+    files["rates.csv"] = lambda path: write_rates(path, rates)
     if encoded.doubt:
         notes.append(encoded.doubt)
-    spans_ms = [(trace.start_ms, float(trace.times_ms[-1])) for trace in traces]
     if args.window_ms is None and not found.windows_ms and spans_ms == windows_ms:
         notes.append("rates over the whole trace; narrow it with --window-ms START:END")
     for note in notes:
         log(note)
-    _print(rows)
-    print(*files, sep="\n")
+    keys = ("stimulus", "afferent", "unit")
+    names = [key for key in keys if key == "afferent" or len({row[key] for row in rows}) > 1]
+    print_table(
+        [*names, "node", "spikes", "rate_ips", "window_ms"],
+        [
+            [
+                *(row[name] for name in names),
+                str(row["node"] or "-"),
+                str(row["spikes_in_window"]),
+                f"{row['rate_ips']:.2f}",
+                "{:g} to {:g}".format(*row["window_ms"]),
+            ]
+            for row in rows
+        ],
+        words=len(names),
+        rest="rates.csv",
+    )
     return {
+        **write_files(args.output, files),
         "parameters": encoded.parameters.name,
         "derivative": args.derivative,
         "rates": rows,
-        "files": files,
     }
 
 
-def _rates(
+def _rows(
     traces: "Sequence[StressTrace]",
     trains: "Sequence[SpikeTrain]",
     windows_ms: "Sequence[tuple[float, float]]",
-) -> "tuple[list[Rate], list[dict[str, Any]]]":
-    """The rate of each trace, and a row about it: its trains are as many as it has cells."""
-    from fembridge.tables import Rate
+) -> list[dict[str, Any]]:
+    """The rate of each trace and what it is of: its trains are as many as it has cells."""
     from neural import mean_rate_ips
     from neural.rates import spikes_inside
 
-    cells: dict[tuple[str, str, str], list[Any]] = {}
+    trains_ms: dict[tuple[str, str, str], list[Any]] = {}
     for train in trains:
-        cells.setdefault((train.stimulus, train.afferent, train.unit), []).append(train.times_ms)
-    rates, rows = [], []
+        whose = (train.stimulus, train.afferent, train.unit)
+        trains_ms.setdefault(whose, []).append(train.times_ms)
+    rows = []
     for trace, window_ms in zip(traces, windows_ms, strict=True):
         whose = (trace.stimulus, str(trace.afferent), trace.unit)
-        rate_ips = mean_rate_ips(cells[whose], window_ms)
-        rates.append(Rate(*whose[:2], rate_ips, trace.unit))
+        cells_ms = trains_ms[whose]
         rows.append(
             {
                 **dict(zip(("stimulus", "afferent", "unit"), whose, strict=True)),
                 "node": trace.node or None,
-                "cells": len(cells[whose]),
-                "spikes": sum(times_ms.size for times_ms in cells[whose]),
-                "spikes_in_window": sum(spikes_inside(each, window_ms) for each in cells[whose]),
-                "rate_ips": rate_ips,
+                "cells": len(cells_ms),
+                "spikes": sum(times_ms.size for times_ms in cells_ms),
+                "spikes_in_window": sum(spikes_inside(each, window_ms) for each in cells_ms),
+                "rate_ips": mean_rate_ips(cells_ms, window_ms),
                 "window_ms": list(window_ms),
             }
         )
-    return rates, rows
+    return rows
 
 
 def _in_rows(trains: "Sequence[SpikeTrain]") -> "Sequence[SpikeTrain]":
@@ -193,27 +196,6 @@ def _in_rows(trains: "Sequence[SpikeTrain]") -> "Sequence[SpikeTrain]":
     if len({train.stimulus for train in trains}) == 1:
         rows = [train.unit for train in trains]
     return [replace(one, stimulus=row) for one, row in zip(trains, rows, strict=True)]
-
-
-def _print(rows: list[dict[str, Any]]) -> None:
-    """A line a trace; many are cut."""
-    names = ("stimulus", "afferent", "unit")
-    widths = {name: max(len(name), *(len(row[name]) for row in rows)) + 2 for name in names}
-    if len({row["stimulus"] for row in rows}) == 1:
-        del widths["stimulus"]
-    if not any(row["unit"] for row in rows):
-        del widths["unit"]
-    head = "".join(f"{name:<{width}}" for name, width in widths.items())
-    print(f"{head}{'node':>7}{'spikes':>8}{'rate_ips':>10}  window_ms")
-    for row in rows[:MOST_LINES]:
-        start, end = row["window_ms"]
-        head = "".join(f"{row[name]:<{width}}" for name, width in widths.items())
-        print(
-            f"{head}{row['node'] or '-':>7}{row['spikes_in_window']:>8}"
-            f"{row['rate_ips']:>10.2f}  {start:g} to {end:g}"
-        )
-    if len(rows) > MOST_LINES:
-        print(f"... {len(rows) - MOST_LINES} more in rates.csv")
 
 
 def _window(trace: "StressTrace", args: argparse.Namespace, found: "Traces") -> tuple[float, float]:

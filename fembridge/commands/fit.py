@@ -11,6 +11,7 @@ import math
 import textwrap
 from typing import TYPE_CHECKING, Any
 
+from fembridge.commands import written
 from fembridge.commands.options import (
     STORED_FINGER,
     Several,
@@ -18,7 +19,7 @@ from fembridge.commands.options import (
     add_output_option,
     words_of,
 )
-from fembridge.terminal import INTERRUPTED, Notes
+from fembridge.terminal import INTERRUPTED, Notes, print_table
 
 if TYPE_CHECKING:
     from fembridge.fitting.fit import Fit
@@ -107,16 +108,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     files = [PARAMETERS_FILE, *made.front_files, RATES_FILE, PICTURE_FILE]
     for fit in made.fits:
         _print_fit(fit)
-    print(f"{', '.join(files)}: {args.output}")
     return {
-        "output": args.output,
+        **written(args.output, files),
         "finished": made.finished,
         "seed": made.settings.seed,
         "rule": made.settings.rule,
         "preindent_um": made.settings.preindent_um,
         "response": made.provenance["response"],
         "notes": notes,
-        "files": files,
         "afferents": {fit.afferent: _summary_of(fit) for fit in made.fits},
         "exit_code": 0 if made.finished else INTERRUPTED,
     }
@@ -132,15 +131,23 @@ def _print_fit(fit: "Fit") -> None:
     values = fit.front.values[fit.choice.row]
     for one, value in zip(fit.problem.free, values, strict=True):
         print(f"  {one.field} = {value:.5g} {one.unit}".removesuffix(" 1"))
-    print(f"  {'':<22}{'n':>4}{'R²':>8}{'RMSE':>9}{'bias':>9}   impulses/s")
     rows = [(_name_of(row), row) for row in fit.agreement_rows()]
     if fit.held_out:
         rows.append(("each left out", fit.held_out.total.to_row()))
-    for name, row in [*rows, ("Table 2, all", fit.published.total.to_row())]:
-        share = "-" if math.isnan(row["r_squared"]) else f"{row['r_squared']:.3f}"
-        print(
-            f"  {name:<22}{row['count']:>4}{share:>8}{row['rmse_ips']:>9.2f}{row['bias_ips']:>9.2f}"
-        )
+    print_table(
+        [f"{'':<24}", "n", "R²", "RMSE", "bias", " impulses/s"],
+        [
+            [
+                f"  {name}",
+                str(row["count"]),
+                "-" if math.isnan(row["r_squared"]) else f"{row['r_squared']:.3f}",
+                f"{row['rmse_ips']:.2f}",
+                f"{row['bias_ips']:.2f}",
+                "",
+            ]
+            for name, row in [*rows, ("Table 2, all", fit.published.total.to_row())]
+        ],
+    )
     print(f"  chosen: candidate {fit.choice.row + 1}, {fit.choice.why}")
 
 

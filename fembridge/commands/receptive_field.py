@@ -12,6 +12,7 @@ The field is where the probe gives a tenth of the impulses of the hot spot, one 
 import argparse
 from typing import Any
 
+from fembridge.commands import Content, write_files
 from fembridge.commands.options import Several, add_from, add_output_option, words_of
 
 EXAMPLE = "fembridge receptive-field --afferent RA --depth-um 100,200,400 -o field"
@@ -51,8 +52,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     import pandas
 
     from fembridge.plots.field import field_figure
-    from fembridge.plots.style import save_figure
-    from fembridge.store import filling, write_text
     from fembridge.touching.field import receptive_field
     from fembridge.touching.pad import pad_named
 
@@ -63,18 +62,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     ]
     areas = pandas.concat([field.areas for field in fields], ignore_index=True)
     maps = pandas.concat([field.to_frame() for field in fields], ignore_index=True)
-    with filling(args.output, last="areas.csv") as draft:
-        for field in fields:
-            save_figure(field_figure(field), draft / f"field_{field.afferent}.png")
-        write_text(draft / "fields.csv", maps.to_csv(index=False))
-        write_text(draft / "areas.csv", areas.to_csv(index=False))
     thresholds = {field.afferent: field.threshold_um for field in fields}
     print(areas.to_string(index=False))
     words = ", ".join(f"{name} {depth:.3g} um" for name, depth in thresholds.items())
     print(f"thresholds: {words}")
-    print(f"areas.csv, fields.csv, {len(fields)} pictures: {args.output}")
+    files: dict[str, Content] = {
+        f"field_{field.afferent}.png": field_figure(field) for field in fields
+    }
     return {
-        "output": args.output,
+        **write_files(args.output, {**files, "fields.csv": maps, "areas.csv": areas}),
         "threshold_um": thresholds,
         "areas": areas.to_dict(orient="records"),
     }

@@ -9,8 +9,9 @@ stress traces and a raster are written to the output folder.
 """
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from fembridge.commands import written
 from fembridge.commands.options import (
     LIMITS,
     SOLVING,
@@ -22,10 +23,7 @@ from fembridge.commands.options import (
     probe_from,
     words_of,
 )
-from fembridge.terminal import MOST_LINES, Notes, SolverBars
-
-if TYPE_CHECKING:
-    from fembridge.simulation import Simulation
+from fembridge.terminal import Notes, SolverBars, print_table
 
 EXAMPLE = "fembridge simulate --stimulus noise_25_250 -o out"
 
@@ -80,30 +78,26 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     exported = export(Recording.of(simulation), args.output, args.export) if args.export else []
     if args.no_plot:  # of other spikes than those beside it
         (args.output / RASTER_FILE).unlink(missing_ok=True)
-    _print_rates(simulation)
+    count, rates = len(simulation.traces[0]), simulation.mean_rates
+    print_table(
+        ["stimulus", *(f"{rate.afferent:>6}" for rate in rates[:count]), " impulses/s"],
+        [
+            [
+                one.id,
+                *(f"{rate.rate_ips:.1f}" for rate in rates[row * count : (row + 1) * count]),
+                "",
+            ]
+            for row, one in enumerate(simulation.stimuli)
+        ],
+        rest=RATES_FILE,
+    )
     files = [RATES_FILE, SPIKES_FILE, TRACES_FILE, *exported, *[RASTER_FILE] * (not args.no_plot)]
-    print(f"{', '.join(files)}: {args.output}")
     return {
-        "output": args.output,
+        **written(args.output, files),
         "method": simulation.origin["method"],
         "parameters": simulation.origin.get("parameter_set", ""),
         "notes": notes,
         "rates": [
-            {"stimulus": r.stimulus, "afferent": r.afferent, "rate_ips": r.rate_ips}
-            for r in simulation.mean_rates
+            {"stimulus": r.stimulus, "afferent": r.afferent, "rate_ips": r.rate_ips} for r in rates
         ],
     }
-
-
-def _print_rates(simulation: "Simulation") -> None:
-    count = len(simulation.traces[0])
-    rates = simulation.mean_rates
-    ids = [stimulus.id for stimulus in simulation.stimuli]
-    width = max(len("stimulus"), *map(len, ids[:MOST_LINES]))
-    header = "".join(f"{rate.afferent:>8}" for rate in rates[:count])
-    print(f"{'stimulus':<{width}}{header}   impulses/s")
-    for row, name in enumerate(ids[:MOST_LINES]):
-        of_stimulus = rates[row * count : (row + 1) * count]
-        print(f"{name:<{width}}{''.join(f'{rate.rate_ips:8.1f}' for rate in of_stimulus)}")
-    if len(ids) > MOST_LINES:
-        print(f"... {len(ids) - MOST_LINES} more in rates.csv")

@@ -11,6 +11,7 @@ import argparse
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
+from fembridge.commands import Content, write_files
 from fembridge.commands.options import STORED_FINGER, Several, add_from, add_output_option
 from fembridge.terminal import INTERRUPTED, log
 
@@ -62,8 +63,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.fitting.problem import stored_source
     from fembridge.observed import read_observed
     from fembridge.plots.fit import study_figure
-    from fembridge.plots.style import save_figure
-    from fembridge.store import check_output, filling, write_text
+    from fembridge.store import check_output
 
     observed = read_observed(Path(args.observed))
     cases = _cases_from(args, observed)
@@ -92,15 +92,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if not study.finished:
         log(f"interrupted: {tried} of {len(cases)} cases are kept")
     summary = studies.summary_text(study)
-    with filling(args.output, last=studies.SUMMARY_FILE) as draft:
-        studies.write_cases(draft / studies.CASES_FILE, study)
-        save_figure(study_figure(study), draft / PICTURE_FILE)
-        write_text(draft / studies.SUMMARY_FILE, summary)
     print(summary)
-    print(f"{studies.CASES_FILE}, {studies.SUMMARY_FILE}, {PICTURE_FILE}: {args.output}")
+    files: dict[str, Content] = {
+        studies.CASES_FILE: lambda path: studies.write_cases(path, study),
+        PICTURE_FILE: study_figure(study),
+        studies.SUMMARY_FILE: summary,
+    }
     best = {name: study.ranked(name)[0] for name in study.unfitted}
     return {
-        "output": args.output,
+        **write_files(args.output, files),
         "cases": tried,
         "finished": study.finished,
         "best": {

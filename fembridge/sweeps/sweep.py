@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import nullcontext
 from dataclasses import dataclass
+from datetime import timedelta
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -44,7 +45,7 @@ from fembridge.sweeps.work import (
     solver_version,
     work,
 )
-from fembridge.terminal import Bars, clock, how_far
+from fembridge.terminal import Bars, how_far
 from fembridge.version import __version__
 
 if TYPE_CHECKING:
@@ -432,5 +433,5 @@ class _Shown(Bars):
         made = over - self._before
         if made and over < self._total:
             left_s = (time.monotonic() - self._begin_s) * (self._total - over) / made
-            words += f", {clock(left_s)} left"
+            words += f", {timedelta(seconds=round(left_s))} left"
         self.show("sweep", over / self._total, words)

@@ -64,7 +64,7 @@ def test_without_a_window_rates_are_of_the_whole_trace_and_it_says_so(here, caps
     shown = capsys.readouterr()
     summary = json.loads(shown.out)
     assert "rates over the whole trace; narrow it with --window-ms" in shown.err
-    assert summary["files"] == ["encoded/spikes.csv", "encoded/rates.csv"]
+    assert summary["files"] == ["spikes.csv", "rates.csv"]
     assert sorted(path.name for path in (here / "encoded").iterdir()) == ["rates.csv", "spikes.csv"]
     assert summary["parameters"] == "published"
     assert [one["node"] for one in summary["rates"]] == [100, 101, 102]

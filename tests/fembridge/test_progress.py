@@ -45,7 +45,7 @@ def terminal(monkeypatch):
 
 @pytest.mark.parametrize(
     ("increment", "elapsed_s", "left"),
-    [(5, 10.0, ", 16:30 left"), (5, 100.0, ", 2:45:00 left"), (0, 10.0, "")],
+    [(5, 10.0, ", 0:16:30 left"), (5, 100.0, ", 2:45:00 left"), (0, 10.0, "")],
 )
 def test_the_time_left_is_at_the_pace_so_far(increment, elapsed_s, left):
     assert how_far(progress(elapsed_s, increment)).endswith(f"17 iterations{left}")
@@ -112,7 +112,7 @@ def test_where_there_is_no_terminal_a_run_gets_a_line_now_and_then(capsys, monke
         *("runs/sine_20_250: 30%", "runs/sine_20_250: 60%", "runs/sine_20_250: 90%"),
         "runs/next: 1%",
     ]
-    assert lines[0].endswith("150/500 increments, 17 iterations, 1:10 left")
+    assert lines[0].endswith("150/500 increments, 17 iterations, 0:01:10 left")
 
 
 def test_what_ends_soon_gets_no_line_without_a_terminal(capsys):

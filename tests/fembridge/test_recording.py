@@ -222,7 +222,7 @@ def test_each_verb_that_makes_spikes_exports_them(tmp_path, capsys):
     (tmp_path / "traces.csv").write_text("\n".join(table) + "\n")
     words = ["encode", str(tmp_path / "traces.csv"), "--parameters", "fitted", "--no-raster"]
     assert main([*words, "--export", "npz", "-o", str(tmp_path / "e"), "--json"]) == 0
-    assert str(tmp_path / "e" / "spikes.npz") in json.loads(capsys.readouterr().out)["files"]
+    assert "spikes.npz" in json.loads(capsys.readouterr().out)["files"]
     with np.load(tmp_path / "spikes.npz") as one, np.load(tmp_path / "e/spikes.npz") as other:
         assert_allclose(one["time_ms"], other["time_ms"])
         assert_array_equal(one["start"], other["start"])
