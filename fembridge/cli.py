@@ -16,6 +16,7 @@ there stands for columns that differ from case to case.
 """
 
 import argparse
+import errno
 import os
 import re
 import sys
@@ -25,7 +26,7 @@ from importlib import import_module
 from io import StringIO, TextIOWrapper
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NoReturn, TextIO
+from typing import Any, NoReturn
 
 from fembridge.commands.options import Words, invalid_choice
 from fembridge.errors import FembridgeError, UsageError
@@ -74,14 +75,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         ):
             code = _run(list(sys.argv[1:] if argv is None else argv))
             sys.stdout.flush()
-    except BrokenPipeError:
-        if not _reader_has_left():
-            raise
-        return 0
     except PrintError as error:
-        _to_nowhere(sys.stdout)
+        os.dup2(os.open(os.devnull, os.O_RDWR), error.number)  # else what is left fails at exit
+        if error.errno == errno.EPIPE:  # nobody reads it, as after ``| head -1``
+            return 0
         print(error_line(f"cannot print: {error.strerror}"), file=sys.stderr)
         return 1
+    except BrokenPipeError:
+        raise
     except OSError as error:  # of a file it is an error of ours, or has its name
         print(error_line(f"cannot read or write: {error.strerror}"), file=sys.stderr)
         return 1
@@ -102,6 +103,11 @@ def _run(words: list[str]) -> int:
     except FembridgeError as error:
         return _refused(error, error.exit_code, as_json)
     try:
+        Path.cwd()
+    except OSError as error:
+        gone = "the folder in which this was started is gone: go to another one (cd)"
+        return _refused(error, 1, as_json, gone)
+    try:
         with redirect_stdout(StringIO()) if args.json else nullcontext():
             summary = command.run(args)
     except KeyboardInterrupt as error:
@@ -110,9 +116,7 @@ def _run(words: list[str]) -> int:
         problem = "the memory is too small for this file or request"
         return _refused(error, 1, as_json, problem)
     except (FembridgeError, OSError) as error:
-        if isinstance(error, BrokenPipeError) or not (
-            isinstance(error, FembridgeError) or error.filename or _folder_is_gone()
-        ):
+        if isinstance(error, OSError) and not error.filename:
             raise
         return _refused(error, _code_of(error, words), as_json, _in_options(error, parser))
     code = int(summary.get("exit_code", 0))
@@ -137,8 +141,6 @@ def _refused(error: BaseException, code: int, as_json: bool, words: str = "") ->
 def _code_of(error: Exception, words: Sequence[str]) -> int:
     """Exit code of `error`: 2 also where a file that was named in `words` is absent."""
     absent = error if isinstance(error, OSError) else error.__cause__
-    if _folder_is_gone():
-        return 1
     if isinstance(absent, FileNotFoundError) and absent.filename is not None:
         named = {os.path.normpath(word.rpartition("=")[2]) for word in words}
         if os.path.normpath(absent.filename) in named:
@@ -148,8 +150,6 @@ def _code_of(error: Exception, words: Sequence[str]) -> int:
 
 def _in_options(error: Exception, parser: argparse.ArgumentParser) -> str:
     """What `error` says, an argument of the API called by its option."""
-    if _folder_is_gone():
-        return "the folder in which this was started is gone: go to another one (cd)"
     if isinstance(error, OSError):
         return f"{error.filename}: {error.strerror}"
     words = str(error)
@@ -159,14 +159,6 @@ def _in_options(error: Exception, parser: argparse.ArgumentParser) -> str:
         if isinstance(error, UsageError) or begins:
             words = re.sub(rf"(?<![\w-]){name}(_s)?(?= (is|must be) )", word, words)
     return words
-
-
-def _folder_is_gone() -> bool:
-    try:
-        Path.cwd()
-    except OSError:
-        return True
-    return False
 
 
 class _Parser(argparse.ArgumentParser):
@@ -343,28 +335,6 @@ def _strict(value: object) -> object:
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     return None if isinstance(value, float) and value - value != 0 else value
-
-
-def _reader_has_left() -> bool:
-    """Whether it is our own output that nobody reads, as after ``| head -1``.
-
-    Then what is still in the buffer is sent to nowhere, so that the interpreter
-    does not complain about it at exit.
-    """
-    import select
-
-    left = False
-    for stream in (sys.stdout, sys.stderr):
-        poll = select.poll()
-        poll.register(stream.fileno(), 0)
-        if any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0)):
-            left = True
-            _to_nowhere(stream)
-    return left
-
-
-def _to_nowhere(stream: TextIO) -> None:
-    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _open_what_is_closed() -> None:

@@ -124,20 +124,20 @@ def filling(folder: Path, last: str, path: Path | None = None) -> Iterator[Path]
 def check_output(folder: Path, *names: str) -> None:
     """Refuse now, before all computing, what `filling` would refuse of `names` at the end.
 
-    A folder that is not there yet is not left behind.
+    Folders that are not there yet are not left behind.
 
     Raises
     ------
     OutputError
         As `filling`.
     """
-    there = folder.exists()
+    absent = [place for place in (folder, *folder.parents) if not place.exists()]
     with filling(folder, last=""):
         for name in names:
             _check_replaceable(folder / name, folder / name)
-    if not there:
-        with suppress(OSError):  # somebody else's files are in it by now
-            folder.rmdir()
+    with suppress(OSError):  # somebody else's files are in it by now
+        for place in absent:
+            place.rmdir()
 
 
 def _made_and_locked(folder: Path) -> tuple[Path, int]:

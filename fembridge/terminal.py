@@ -103,13 +103,15 @@ class Notes(list[str]):
 
 
 class PrintError(OSError):
-    """What we print cannot be written."""
+    """What we print cannot be written to the stream of this `number`."""
+
+    number: int
 
 
 class PlainStream:
     """The text stream `stream`, to which only `plain` text is written.
 
-    What keeps it from being written is a `PrintError`, but for a reader that has left.
+    What keeps it from being written is a `PrintError`.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -124,14 +126,13 @@ class PlainStream:
         """Write what is in the buffer."""
         self._do(self.stream.flush)
 
-    @staticmethod
-    def _do(write: Callable[..., object], *text: str) -> None:
+    def _do(self, write: Callable[..., object], *text: str) -> None:
         try:
             write(*text)
-        except BrokenPipeError:
-            raise
         except OSError as error:
-            raise PrintError(error.errno, error.strerror) from error
+            problem = PrintError(error.errno, error.strerror)
+            problem.number = self.stream.fileno()
+            raise problem from error
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever the stream can
         return getattr(self.stream, name)

@@ -77,6 +77,10 @@ class ByteFile(AbstractContextManager["ByteFile"]):
             return self._file.read(min(length, self.size - offset))
         except OSError as error:
             raise ResultError(f"cannot be read: {error.strerror}", self.path) from error
+        except ValueError as error:  # of a Python file that is closed
+            raise ResultError(
+                "closed: read it inside the `with` that opens it", self.path
+            ) from error
 
     def take(self, offset: int, length: int) -> bytes:
         """Exactly `length` bytes from `offset`, which the file must have."""

@@ -212,7 +212,7 @@ def test_an_output_that_cannot_be_written_is_known_before(tmp_path):
     (tmp_path / "b.csv").mkdir()
     (tmp_path / "file").write_text("mine")
     check_output(tmp_path, "a.csv", "file")
-    check_output(tmp_path / "new")
+    check_output(tmp_path / "new" / "below")
     for folder, names in ((tmp_path / "file", ()), (tmp_path, ("a.csv", "b.csv"))):
         with pytest.raises(OutputError) as caught:
             check_output(folder, *names)

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from fembridge.cli import main
 from fembridge.errors import ResultError, UsageError
-from fembridge.results import READERS, Reader, describe, read, read_history
+from fembridge.results import READERS, Reader, describe, open_result, read, read_history
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import read_values, reader_of
@@ -53,6 +53,13 @@ def test_what_is_no_result_file_and_a_choice_of_no_nodes_are_refused(samples, tm
             read(samples / "cpe4_ascii.frd", nodes)
     with pytest.raises(UsageError):
         read(samples / "cpe4_ascii.frd", [11], stress_unit="bar")
+
+
+def test_a_result_that_was_closed_says_so(samples):
+    with open_result(samples / "cpe4_ascii.frd") as result:
+        assert result.source.describe()
+    with pytest.raises(ResultError, match="closed"):
+        result.history([11])
 
 
 def test_a_file_is_opened_once_for_all_that_a_command_asks(samples, monkeypatch, capsys):
