@@ -8,8 +8,9 @@ parameter and output.
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -19,7 +20,7 @@ from decks.stimuli import resolve
 from fembridge.errors import StimulusError, TableError, UsageError
 from fembridge.tables import TextTable, read_table
 from fembridge.typing import BoolArray, FloatArray
-from fembridge.words import ABSENT, markdown, number
+from fembridge.words import ABSENT, markdown, number, split_unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -163,18 +164,13 @@ def _means(rows: "pd.DataFrame", path: Path) -> "pd.DataFrame":
     if odd.size:
         raise TableError(f"{' '.join(odd[0][1:])} is not there for all fingers", path)
     group = {stimulus: group_of(stimulus) for stimulus in rows["stimulus"].unique()}
-    means = {}
-    for quantity in QUANTITIES:
-        for afferent in rows["afferent"].unique():
-            for each in (ALL, *dict.fromkeys(group.values())):
-                members = [
-                    (quantity, stimulus, afferent)
-                    for stimulus, its_group in group.items()
-                    if each in (ALL, its_group) and (quantity, stimulus, afferent) in found
-                ]
-                means[afferent, quantity, each] = found[members].to_numpy().mean(axis=1)
-    columns = pd.MultiIndex.from_tuples(means, names=OUTPUT)
-    return pd.DataFrame(dict(enumerate(means.values())), found.index).set_axis(columns, axis=1)
+    long = rows.melt(["finger", "stimulus", "afferent"], QUANTITIES, "quantity")
+    of_group = long.assign(stimuli=long["stimulus"].map(group))
+    means = pd.concat([long.assign(stimuli=ALL), of_group]).pivot_table("value", "finger", OUTPUT)
+    groups = (ALL, *dict.fromkeys(group.values()))
+    order = product(QUANTITIES, rows["afferent"].unique(), groups)
+    outputs = [(afferent, quantity, each) for quantity, afferent, each in order]
+    return means[[output for output in outputs if output in means]]
 
 
 def is_one_at_a_time(swept: SweptFingers) -> bool:
@@ -368,15 +364,12 @@ def effects_markdown(effects: "pd.DataFrame") -> str:
         words = _output_words(each)
         return words if math.isnan(at_base) else f"{words} ({_answer(at_base, each['quantity'])})"
 
-    blocks = []
-    for afferent, mine, words in _by_class(effects, head, change):
-        ends = mine.groupby("parameter")[["low", "high"]].first().loc[words.index]
-        spans = [
-            f"{e.low:.4g}, {e.high:.4g} {unit_of(str(e.Index))}".rstrip() for e in ends.itertuples()
-        ]
+    def add_spans(mine: "pd.DataFrame", words: "pd.DataFrame") -> None:
+        ends = mine.groupby("parameter")[["low", "high"]].first().loc[words.index].itertuples()
+        spans = [f"{e.low:.4g}, {e.high:.4g} {split_unit(str(e.Index))[1]}".rstrip() for e in ends]
         words.insert(0, "from, to", spans)
-        blocks.append(_block(afferent, words))
-    return "\n\n".join(blocks) + "\n"
+
+    return _class_tables(effects, head, change, add_spans)
 
 
 def regressions_markdown(swept: SweptFingers, regressions: "pd.DataFrame") -> str:
@@ -386,8 +379,7 @@ def regressions_markdown(swept: SweptFingers, regressions: "pd.DataFrame") -> st
         words = number(each["coefficient"], "+.2f")
         return f"**{words}**" if each["low_95"] > 0 or each["high_95"] < 0 else words
 
-    blocks = []
-    for afferent, mine, words in _by_class(regressions, _output_words, coefficient):
+    def add_fits(mine: "pd.DataFrame", words: "pd.DataFrame") -> None:
         fits, spans = [], []
         for each in mine.drop_duplicates(OUTPUT).to_dict("records"):
             fit = f"{each['r_squared']:.2f} ({each['adjusted_r_squared']:.2f})"
@@ -396,29 +388,32 @@ def regressions_markdown(swept: SweptFingers, regressions: "pd.DataFrame") -> st
             low, high = (_answer(end, each["quantity"]) for end in (answers.min(), answers.max()))
             spans.append(f"{low.partition(' ')[0]} to {high}")
         words.loc["R² (adjusted)"], words.loc["over all fingers"] = fits, spans
-        blocks.append(_block(afferent, words))
-    return "\n\n".join(blocks) + "\n"
+
+    return _class_tables(regressions, _output_words, coefficient, add_fits)
 
 
 _Row: TypeAlias = Mapping[Any, Any]
 
 
-def _by_class(
-    table: "pd.DataFrame", head: Callable[[_Row], str], cell: Callable[[_Row], str]
-) -> "Iterator[tuple[str, pd.DataFrame, pd.DataFrame]]":
-    """Class, its rows, and these as words: a row a parameter, a column an output."""
+def _class_tables(
+    table: "pd.DataFrame",
+    head: Callable[[_Row], str],
+    cell: Callable[[_Row], str],
+    complete: "Callable[[pd.DataFrame, pd.DataFrame], None]",
+) -> str:
+    """Markdown, a table a class: a row a parameter, a column an output, completed."""
     wanted = table[(table["quantity"] == RATE) | (table["stimuli"] == ALL)]
+    blocks = []
     for afferent, mine in wanted.groupby("afferent", sort=False):
         mine = mine.sort_values("quantity", key=lambda each: each != RATE, kind="stable")
         rows = mine.to_dict("records")
-        words = mine.assign(head=[*map(head, rows)], cell=[*map(cell, rows)])
-        wide = words.pivot(index="parameter", columns="head", values="cell")  # noqa: PD010 - nothing to aggregate
-        yield str(afferent), mine, wide.loc[in_order(mine), words["head"].unique()]
-
-
-def _block(afferent: str, words: "pd.DataFrame") -> str:
-    named = words.rename(index=parameter_words).rename_axis("parameter").reset_index()
-    return f"**{afferent}**\n\n{markdown(named)}"
+        long = mine.assign(head=[*map(head, rows)], cell=[*map(cell, rows)])
+        wide = long.pivot(index="parameter", columns="head", values="cell")  # noqa: PD010 - nothing to aggregate
+        words = wide.loc[in_order(mine), long["head"].unique()]
+        complete(mine, words)
+        named = words.rename(index=parameter_words).rename_axis("parameter").reset_index()
+        blocks.append(f"**{afferent}**\n\n{markdown(named)}\n")
+    return "\n".join(blocks)
 
 
 def _output_words(each: _Row) -> str:
@@ -454,7 +449,6 @@ _MADE = (
     (re.compile(r"afferents\.(\w+)\.to_boundary_mm"), "{} to boundary"),
     (re.compile(r"afferents\.(\w+)\.depth_mm"), "{} depth"),
 )
-_UNITS = {"_mm": "mm", "_mpa": "MPa", "_um": "µm", "_deg": "°"}
 
 
 def parameter_words(name: str) -> str:
@@ -463,11 +457,6 @@ def parameter_words(name: str) -> str:
         if (match := pattern.fullmatch(name)) is not None:
             return words.format(_LAYERS.get(match[1], match[1]))
     return _PLAIN.get(name, name)
-
-
-def unit_of(name: str) -> str:
-    """Unit that a parameter's name ends in, or nothing."""
-    return next((unit for end, unit in _UNITS.items() if name.endswith(end)), "")
 
 
 def group_words(group: str) -> str:

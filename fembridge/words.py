@@ -8,6 +8,24 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 ABSENT = "–"
+# The longer first: a name ends in one of them.
+_UNITS = {
+    "_n_per_mm": "N/mm",
+    "_percent": "%",
+    "_kpa": "kPa",
+    "_mpa": "MPa",
+    "_deg": "°",
+    "_mm": "mm",
+    "_um": "µm",
+    "_ms": "ms",
+    "_s": "s",
+}
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """A name and the unit that it ends in: ``depth_um`` is ``depth`` in ``µm``."""
+    ending = next((ending for ending in _UNITS if name.endswith(ending)), "")
+    return name.removesuffix(ending), _UNITS.get(ending, "")
 
 
 def number(value: float, spec: str) -> str:

@@ -27,22 +27,10 @@ from fembridge.solver.settings import OnProgress
 from fembridge.store import make_folder, write_text
 from fembridge.typing import Table
 from fembridge.version import __version__
-from fembridge.words import markdown, rendered, worded
+from fembridge.words import markdown, rendered, split_unit, worded
 
 PAGE_FILE = "verification.md"
 SUMMARY_FILE = "verification.json"
-
-# The longer first: a column ends in one of them.
-_UNITS = {
-    "_n_per_mm": "N/mm",
-    "_percent": "%",
-    "_kpa": "kPa",
-    "_mpa": "MPa",
-    "_mm": "mm",
-    "_um": "µm",
-    "_ms": "ms",
-    "_s": "s",
-}
 
 Log = Callable[[str], None]
 
@@ -262,9 +250,9 @@ def page_text(findings: Mapping[str, Finding], versions: Mapping[str, str], *, q
 
 def _head(column: str) -> str:
     """Name of a column with its unit in parentheses."""
-    unit = next((ending for ending in _UNITS if column.endswith(ending)), "")
-    name = column.removesuffix(unit).replace("_", " ")
-    return f"{name} ({_UNITS[unit]})" if unit else name
+    name, unit = split_unit(column)
+    name = name.replace("_", " ")
+    return f"{name} ({unit})" if unit else name
 
 
 def _anchor(heading: str) -> str:

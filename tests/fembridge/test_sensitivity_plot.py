@@ -47,16 +47,6 @@ def fingers(rows):
 
 
 @pytest.fixture
-def single():
-    return fingers(one_at_a_time(BASE, RANGES))
-
-
-@pytest.fixture
-def cube():
-    return fingers(drawn())
-
-
-@pytest.fixture
 def results(tmp_path):
     """Tables as a sweep leaves them, of one design or the other."""
 
@@ -126,18 +116,16 @@ def test_a_hypercube_is_ranked_and_its_summary_gives_the_same_again(results, tmp
     assert "no variation" in first.read_text()
 
 
-def test_a_table_of_an_unknown_kind_is_refused_before_anything_is_written(
-    results, tmp_path, capsys
-):
-    path = results(one_at_a_time(BASE, RANGES))
-    words = ["-o", str(tmp_path / "s.png"), "--table", str(tmp_path / "effects.xls")]
-    assert main(["plot", "sensitivity", str(path), *words]) == 2
-    assert "effects.xls: expected .csv or .md" in capsys.readouterr().err
-    assert not (tmp_path / "s.png").exists()
+def test_a_table_of_an_unknown_kind_is_refused_before_anything_is_written(results, refused):
+    words = ["-o", "s.png", "--table", "effects.xls"]
+    refused(
+        ["plot", "sensitivity", results(one_at_a_time(BASE, RANGES)), *words],
+        "effects.xls: expected .csv or .md",
+    )
 
 
-def test_the_picture_has_a_line_from_low_to_high_in_each_row(single):
-    figure = effects_figure(single_effects(single))
+def test_the_picture_has_a_line_from_low_to_high_in_each_row():
+    figure = effects_figure(single_effects(fingers(one_at_a_time(BASE, RANGES))))
     sa, pc, sa_stress, _ = figure.axes
 
     rows = [text.get_text() for text in sa.get_yticklabels()]

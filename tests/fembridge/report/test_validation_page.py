@@ -7,8 +7,8 @@ import re
 import shlex
 import tomllib
 from dataclasses import replace
-from html.parser import HTMLParser
 from itertools import product
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -21,60 +21,28 @@ from fembridge.report.validate import RASTER_STIMULI, repeated_trains
 from fembridge.report.validation_page import PAGE, page_text, rasters_figure, regression_figure
 from fembridge.tables import AFFERENTS
 
-VOID = {"meta", "br"}
 # Points a figure of 7.2 inches may have at least, so that on the page, where it is
 # 8.1 inches wide or more, no letter is below 8 points.
 LEAST_PT = 7.0
 
 
-class Reader(HTMLParser):
-    """Hold every start tag against its end; collect ids, links, and rows of tables."""
+@pytest.fixture(scope="module")
+def page(report):
+    """The page as a tree: every tag has its end."""
+    return ElementTree.fromstring((report / PAGE).read_text(encoding="utf-8"))
 
-    def __init__(self):
-        super().__init__()
-        self.open, self.ids, self.links, self.loads = [], [], [], []
-        self.tables, self.code = {}, []
 
-    def handle_starttag(self, tag, attributes):
-        found = dict(attributes)
-        if tag not in VOID:
-            self.open.append(tag)
-        self.ids += [found["id"]] if "id" in found else []
-        self.links += [found["href"]] if "href" in found else []
-        self.loads += [found[key] for key in ("src", "srcset", "data") if key in found]
-        if tag == "figure":
-            self.rows = self.tables.setdefault(found["id"], [])
-        if tag == "tr":
-            self.rows.append([])
-        if tag in ("td", "th"):
-            self.rows[-1].append("")
-        if tag == "code":
-            self.code.append("")
-
-    def handle_startendtag(self, tag, attributes):
-        self.handle_starttag(tag, attributes)
-        if tag not in VOID:
-            self.handle_endtag(tag)
-
-    def handle_endtag(self, tag):
-        if tag not in VOID:
-            assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        if {"td", "th"} & set(self.open):
-            self.rows[-1][-1] += data
-        if self.open and self.open[-1] == "code":
-            self.code[-1] += data
+def words(element):
+    return "".join(element.itertext())
 
 
 @pytest.fixture(scope="module")
-def read(report):
-    reader = Reader()
-    reader.text = (report / PAGE).read_text(encoding="utf-8")
-    reader.feed(reader.text)
-    reader.close()
-    assert reader.open == []
-    return reader
+def tables(page):
+    """Rows of cells of each table, by the id of its figure."""
+    return {
+        figure.get("id"): [[words(cell) for cell in row] for row in figure.iter("tr")]
+        for figure in page.iter("figure")
+    }
 
 
 def rows_of(path):
@@ -98,26 +66,30 @@ def test_a_report_is_a_page_with_numbers_figures_and_a_record(report):
     }
 
 
-def test_the_page_loads_nothing_and_its_links_lead_somewhere(read, report):
-    assert read.loads == []
-    assert "@import" not in read.text
-    assert not re.findall(r"url\((?!#)", read.text)
-    ids = set(read.ids)
-    for link in read.links:
-        if link.startswith("#"):
-            assert link[1:] in ids
-        else:
-            assert (report / link).is_file(), link
-    assert len(ids) == len(read.ids)
+def test_the_page_loads_nothing_and_its_links_lead_somewhere(page, report):
+    assert not [e for e in page.iter() if {"src", "srcset", "data"} & set(e.attrib)]
+    text = (report / PAGE).read_text(encoding="utf-8")
+    assert "@import" not in text
+    assert not re.findall(r"url\((?!#)", text)
+    ids = [element.get("id") for element in page.iter() if element.get("id")]
+    for link in (element.get("href") for element in page.iter("a")):
+        assert link[1:] in ids if link.startswith("#") else (report / link).is_file(), link
+    assert len(set(ids)) == len(ids)
 
 
-def test_every_figure_and_table_has_a_command_and_a_file(read, report):
-    blocks = re.findall(r"<figure id=.*?</figure>", read.text, re.DOTALL)
-    assert len(blocks) == len(read.tables) > 15
-    linked = set()
-    for block in blocks:
-        assert "<pre><code>fembridge validate" in block
-        files = re.findall(r'<a href="([^"#]+)">', block)
+def test_every_figure_and_table_has_a_command_that_is_one_and_a_file(page, report):
+    from fembridge.cli import _parser
+
+    figures, linked = list(page.iter("figure")), set()
+    assert len(figures) > 15
+    for figure in figures:
+        [line] = map(words, figure.iterfind(".//pre/code"))
+        program, *rest = shlex.split(line)
+        assert program == "fembridge"
+        parser, command = _parser(rest)
+        assert command is not None
+        parser.parse_args(rest)
+        files = [link.get("href") for link in figure.iter("a")]
         assert files
         linked.update(files)
     assert linked == {path.name for path in report.iterdir()} - {PAGE}
@@ -130,38 +102,24 @@ def test_names_of_a_user_do_not_become_markup(study, undrawn, tmp_path):
     assert "<code>a &lt; b &amp; c" in text
 
 
-def test_every_command_on_the_page_is_one_that_fembridge_understands(read):
-    from fembridge.cli import _parser
-
-    lines = {line for block in read.code for line in block.splitlines()}
-    commands = {line for line in lines if not line.startswith("#")}
-    assert commands
-    for line in commands:
-        program, *words = shlex.split(line)
-        assert program == "fembridge"
-        parser, command = _parser(words)
-        assert command is not None
-        parser.parse_args(words)
-
-
-def summary_rows(read):
+def summary_rows(tables):
     """Cells of the summary by family and class: its heads and row heads apart."""
     family, found = None, {}
-    for row in read.tables["summary"][2:]:
+    for row in tables["summary"][2:]:
         if len(row) % 4 == 0:  # two heads, 4 numbers of each of 3 sources, two goals
             family, row = row[0].partition(" (")[0], row[1:]
         found[family, row[0]] = row[1:]
     return found
 
 
-def test_the_summary_shows_what_the_table_beside_it_holds(read, report):
+def test_the_summary_shows_what_the_table_beside_it_holds(tables, report):
     found = {
         (row["source"], row["family"], row["afferent"]): row
         for row in rows_of(report / "agreement.csv")
         if row["reference"] == "observed" and row["set"] == EVERY_SET
     }
     compared = 0
-    shown = summary_rows(read)
+    shown = summary_rows(tables)
     assert len(shown) == 9
     for family in FAMILIES:
         for afferent in AFFERENTS:
@@ -184,13 +142,13 @@ def test_the_summary_shows_what_the_table_beside_it_holds(read, report):
     assert compared == 3 * (3 + 1)
 
 
-def test_the_whole_fingertip_stands_beside_the_section_family_by_family(read, report):
+def test_the_whole_fingertip_stands_beside_the_section_family_by_family(tables, report):
     """Of each family the root mean square from observed rates, or TouchSim's without any."""
     rates = {}
     for row in rows_of(report / "rates.csv"):
         of_family = rates.setdefault((row["source"], row["family"], row["afferent"]), {})
         of_family[row["stimulus"]] = float(row["rate_ips"])
-    rows = read.tables["fingertip_agreement"][2:]
+    rows = tables["fingertip_agreement"][2:]
     assert len(rows) == len(FAMILIES) * len(AFFERENTS)
     for (family, afferent), cells in zip(product(FAMILIES, AFFERENTS), rows, strict=True):
         known = {source for source, name, _ in rates if name == family.name}
@@ -206,9 +164,9 @@ def test_the_whole_fingertip_stands_beside_the_section_family_by_family(read, re
             assert abs(float(words[2]) - rmse_ips) <= 0.0501
 
 
-def test_goals_are_marked_where_rates_were_observed_and_nowhere_else(read):
+def test_goals_are_marked_where_rates_were_observed_and_nowhere_else(tables):
     judged = {("Sinusoids", afferent) for afferent in AFFERENTS} | {("Diharmonics", "SA")}
-    for place, cells in summary_rows(read).items():
+    for place, cells in summary_rows(tables).items():
         assert set(cells[-2:]) <= ({"met", "not met"} if place in judged else {"–"}), place
 
 
