@@ -133,6 +133,13 @@ def _no_power_cut():
 
 
 @pytest.fixture
+def here(tmp_path, monkeypatch):
+    """Work in the empty folder of the test."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
 def file(tmp_path):
     """Write a text or bytes to a file of this name, and give its path."""
 

@@ -71,20 +71,20 @@ def test_the_noise_of_the_catalogue_has_not_changed_since_it_was_published():
     assert_array_equal(depth_um[10:14], [5.099655, 13.87306, 19.025948, 18.983725])
 
 
-@pytest.mark.parametrize("preindent_um", [-1.0, float("nan"), float("inf"), 2e4])
-def test_a_preindentation_that_no_probe_can_have_is_refused(preindent_um):
-    with pytest.raises(StimulusError, match=r"sine_20_250: preindent_um must be"):
-        make_stimulus(Sine(20, 250), preindent_um=preindent_um)
-
-
-def test_a_negative_seed_is_refused():
-    with pytest.raises(StimulusError, match="seed must be >= 0, got -1"):
-        make_stimulus(Noise(5, 25, 1), seed=-1)
-
-
-def test_a_stimulus_of_which_sampling_leaves_nothing_is_refused():
-    with pytest.raises(StimulusError, match="nothing is left"):
-        make_stimulus(Sine(0.001, 0.0001))
+@pytest.mark.parametrize(
+    ("entry", "options", "words"),
+    [
+        (Noise(5, 25, 1), {"seed": -1}, "seed must be >= 0, got -1"),
+        (Sine(0.001, 0.0001), {}, "nothing is left"),
+        *(
+            (Sine(20, 250), {"preindent_um": um}, "sine_20_250: preindent_um must be")
+            for um in (-1.0, float("nan"), float("inf"), 2e4)
+        ),
+    ],
+)
+def test_what_no_probe_can_do_is_refused(entry, options, words):
+    with pytest.raises(StimulusError, match=words):
+        make_stimulus(entry, **options)
 
 
 def test_a_ramp_goes_straight_from_corner_to_corner():

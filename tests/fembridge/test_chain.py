@@ -18,13 +18,8 @@ from fembridge.tables import read_rates, read_spikes, read_traces
 from neural import parameter_set
 from neural.parameter_sets import FITTED_FILE
 
+pytestmark = pytest.mark.usefixtures("here")
 RECORDED = Path(__file__).parents[2] / "fixtures/transient_sine"
-
-
-@pytest.fixture(autouse=True)
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 @pytest.mark.slow

@@ -15,19 +15,13 @@ from fembridge.results import read_fields
 from fembridge.run_folder import AfferentNode, RunFolder, read_run_folder
 from fembridge.tables import read_traces
 
+pytestmark = pytest.mark.usefixtures("here")
 SAMPLES = Path(__file__).parents[2] / "fixtures" / "frd_samples"
 ASCII = str(SAMPLES / "cpe4_ascii.frd")
 DAT = str(SAMPLES / "cpe4_ascii.dat")
 # On the boundary between the two layers of `interface_cpe8r`.
 NODES = ("29", "33", "37")
 FOREIGN_UNIT = "stress in the file taken as MPa (--stress-unit says otherwise)"
-
-
-@pytest.fixture(autouse=True)
-def here(tmp_path, monkeypatch):
-    """An empty current folder."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def rows_of(path):
@@ -65,6 +59,10 @@ def test_a_run_folder_gives_its_afferents_from_rest(here, run_folder, capsys):
     out = capsys.readouterr().out
     assert "2 traces, 0 to 2 ms every 0.5 ms; stress in the file taken as MPa" in out
     assert "SA node 25: peak 19600.4 Pa" in out
+    assert main(["ingest", str(run_folder), "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["output"], summary["samples"]) == ("job_traces.csv", 5)
+    assert [trace["afferent"] for trace in summary["traces"]] == ["SA", "RA"]
 
 
 def test_without_nodes_the_file_is_listed_with_a_command_that_works(here, capsys):
@@ -80,14 +78,6 @@ def test_without_nodes_the_file_is_listed_with_a_command_that_works(here, capsys
     assert len(rows_of(here / "cpe4_ascii_traces.csv")) == 4
     assert main(["ingest", ASCII, "-o", "traces.csv"]) == 2  # asked for, and nothing chosen
     assert "choose with --node N or all, --set NAME or --near X,Y" in capsys.readouterr().err
-
-
-def test_a_summary_is_all_that_json_prints(here, run_folder, capsys):
-    assert main(["ingest", str(run_folder), "--json"]) == 0
-    summary = json.loads(capsys.readouterr().out)
-    assert summary["output"] == "job_traces.csv"
-    assert (summary["samples"], summary["dt_ms"]) == (5, 0.5)
-    assert [trace["afferent"] for trace in summary["traces"]] == ["SA", "RA"]
 
 
 def test_nodes_of_a_set_and_near_a_place_are_named_on_stderr(capsys):

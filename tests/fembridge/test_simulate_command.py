@@ -14,7 +14,7 @@ from fembridge.errors import OutputError
 from fembridge.machine import CCX_VARIABLE, SOLVER_INSTALL_LINE
 from fembridge.response.response_map import FOLDER, read_map
 from fembridge.tables import read_rates, read_spikes
-from neural import PUBLISHED, encode, parameter_set
+from neural import encode, parameter_set
 from neural.parameters import quantiles
 
 FILES = ["finger.toml", "raster.png", "rates.csv", "simulation.toml", "spikes.csv", "traces.npz"]
@@ -83,24 +83,6 @@ def test_the_example_of_the_help_gives_six_files_a_table_and_one_note(here, caps
     assert table[-1].endswith("raster.png: out")
     main(["simulate", "--stimulus", "noise_25_250", "-o", "again"])
     assert contents(here / "again") == first
-
-
-def test_the_rates_are_those_of_the_stored_map_worked_out_apart(here):
-    """Catalogue, map and encoder put together by hand."""
-    words = ["--stimulus", "noise_25_250", "--parameters", "published", "--no-plot"]
-    main(["simulate", *words])
-
-    response = read_map(FOLDER / "quick.toml")
-    expected = {}
-    bulk = np.load(here / "out/traces.npz", allow_pickle=False)
-    for row, entry in enumerate(resolve(["noise_25_250"])):
-        for column, trace in enumerate(response.traces(make_stimulus(entry))):
-            np.testing.assert_array_equal(bulk["von_mises_pa"][row, :, column], trace.stress_pa)
-            [times_ms] = encode(trace.stress_pa, 0.5, PUBLISHED[trace.afferent])
-            expected[entry.id, trace.afferent] = inside(times_ms) / 0.245
-    found = {(r.stimulus, r.afferent): r.rate_ips for r in read_rates(here / "out/rates.csv")}
-    assert found == pytest.approx(expected, rel=1e-12)
-    assert sum(found.values()) > 500
 
 
 def test_the_fitted_population_is_that_of_a_pre_indented_probe(here):

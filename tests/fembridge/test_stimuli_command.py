@@ -100,6 +100,8 @@ def test_a_set_goes_into_a_folder_one_file_a_stimulus(tmp_path, capsys):
     names = [f"{entry.id}.npy" for entry in resolve("noise_25_250,sine_20_250")]
     assert sorted(path.name for path in folder.iterdir()) == sorted(names)
     assert [file["file"] for file in files["files"]] == [str(folder / n) for n in names]
+    assert main(["stimuli", "--export", "csv", "sine_20_250", "-o", f"{tmp_path}/new/"]) == 0
+    assert (tmp_path / "new" / "sine_20_250.csv").is_file()  # the slash made it a folder
 
 
 @pytest.mark.parametrize("format_name", list(FORMATS))
@@ -112,16 +114,10 @@ def test_without_o_a_file_named_after_the_id_is_written_here(
     assert [path.name for path in tmp_path.iterdir()] == [f"sine_20_6.71{suffix}"]
 
 
-def test_a_trailing_slash_names_a_folder_that_is_not_there_yet(tmp_path, capsys):
-    main(["stimuli", "--export", "csv", "sine_20_250", "-o", f"{tmp_path}/new/"])
-    assert (tmp_path / "new" / "sine_20_250.csv").is_file()
-
-
-def test_several_stimuli_do_not_go_into_one_file(tmp_path, capsys):
-    path = tmp_path / "one.csv"
-    path.write_text("mine")
-    assert main(["stimuli", "--export", "csv", "sine_20", "-o", str(path)]) == 1
-    assert "expected a folder for 12 stimuli" in capsys.readouterr().err
+def test_several_stimuli_do_not_go_into_one_file(refused, file):
+    path = file("one.csv", "mine")
+    words = ["stimuli", "--export", "csv", "sine_20", "-o", path]
+    refused(words, "expected a folder for 12 stimuli", 1)
     assert path.read_text() == "mine"
 
 

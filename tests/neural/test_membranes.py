@@ -9,11 +9,8 @@ from fembridge.errors import ParameterError, TraceError
 from neural import counts as counting
 from neural import lif
 from neural.counts import candidate_counts
-from neural.encoder import encode
 from neural.lif import Membrane, fire
-from neural.models import Coefficients, model_of
-from neural.parameters import PUBLISHED
-from neural.rates import spikes_inside, window_rows
+from neural.models import Coefficients
 
 DT_MS, GAP_MV = 0.5, 10.0
 LINEAR = Coefficients(1.0, weights=(1.0,))
@@ -143,32 +140,17 @@ def test_all_membranes_together_fire_as_plain_loops(few, seed, rows, count, adap
 
 @given(
     seed=seeds,
-    candidates=st.integers(1, 5),
-    conditions=st.integers(1, 4),
+    sizes=st.tuples(st.integers(1, 5), st.integers(1, 4)),
     scale=st.sampled_from([3.0, 30.0, 200.0]),
     dt_ms=st.sampled_from([0.25, 0.5, 1.0]),
     refractory_rows=st.integers(0, 3),
-    clamped=st.booleans(),
-    adaptive=st.booleans(),
-    until_turn=st.booleans(),
-    saturates=st.booleans(),
-    two=st.booleans(),
+    flags=st.tuples(*[st.booleans()] * 5),
 )
 def test_a_batch_counts_what_plain_loops_count(
-    kernel,
-    seed,
-    candidates,
-    conditions,
-    scale,
-    dt_ms,
-    refractory_rows,
-    clamped,
-    adaptive,
-    until_turn,
-    saturates,
-    two,
+    kernel, seed, sizes, scale, dt_ms, refractory_rows, flags
 ):
-    rng = np.random.default_rng(seed)
+    rng, (candidates, conditions) = np.random.default_rng(seed), sizes
+    clamped, adaptive, until_turn, saturates, two = flags
     drives = rng.uniform(-0.6, 1.0, (1 + two, 90, conditions))
     alpha = scale * rng.uniform(0.5, 2.0, candidates)
     each = tuple(rng.uniform(0.1, 2.0, (1 + two, candidates)))
@@ -199,30 +181,6 @@ def test_a_batch_counts_what_plain_loops_count(
         spikes = plain_run(one.current(drives[:, :, condition]), **mine, **shared)
         first, end = edges[:, condition]
         assert counts[k, condition] == sum(first <= row < end for row in spikes)
-
-
-@pytest.mark.parametrize("afferent", PUBLISHED)
-def test_the_published_candidate_counts_the_spikes_of_encode(kernel, afferent):
-    published = PUBLISHED[afferent]
-    times_ms = 0.5 * np.arange(501)
-    stress_pa = 2e4 * np.maximum(np.sin(2e-3 * np.pi * np.outer(times_ms, [20, 50, 100, 300])), 0)
-    windows_ms = [(5.0, 250.0), (100.0, 200.0), (100.0, 200.0), (0.0, 250.0)]
-    rows = [window_rows(window_ms, 0.5) for window_ms in windows_ms]
-
-    model, values = model_of(published), published.by_name()
-    counts = candidate_counts(
-        model.filtered(stress_pa, 0.5, "backward"),
-        model.coefficients(values),
-        model.membrane(values, 0.5),
-        window=([each.start for each in rows], [each.stop for each in rows]),
-    )
-
-    runs = encode(stress_pa, 0.5, published)
-    expected = [
-        spikes_inside(run, window_ms) for run, window_ms in zip(runs, windows_ms, strict=True)
-    ]
-    assert counts.tolist() == [expected]
-    assert sum(expected) > 0
 
 
 def test_blocks_do_not_show_in_the_batch(monkeypatch):

@@ -172,15 +172,9 @@ def test_spans_go_up_and_down(start, stop, step):
     assert list_of(f"{start} to {stop} by {step}") == expected
 
 
-def test_sides_of_elements_are_pairs():
+def test_lists_go_on_with_and_and_over_the_end_of_a_line_and_sides_are_pairs():
     assert list_of("1:0 to 3:0 7:2", paired=True) == [(1, 0), (2, 0), (3, 0), (7, 2)]
-
-
-def test_parts_of_a_list_may_be_joined_by_and():
     assert list_of("1 to 5 by 2 and c", "9 AND 12") == [1, 3, 5, 9, 12]
-
-
-def test_a_span_may_go_over_the_end_of_a_line():
     assert list_of("1 to c", "4 by c", "2 7") == [1, 3, 7]
     with pytest.raises(DeckError, match=r"line 2: .*'x'"):
         list_of("1 to c", "x 7")

@@ -118,9 +118,12 @@ def test_a_request_that_the_deck_cannot_meet_is_refused(options, begin, deck, re
     refused(deck, begin, **options)
 
 
-@pytest.mark.parametrize("deck", ["", "*NODE\n1, 0., 0.\n"])
-def test_a_deck_without_a_step_is_refused(deck, refused):
-    refused(deck, "no .STEP in the deck")
+def test_a_step_a_file_and_an_element_that_are_not_there_are_named(changed, refused):
+    refused("", "no .STEP in the deck")
+    refused("*NODE\n1, 0., 0.\n", "no .STEP in the deck")
+    refused(changed("*ELEMENT", "*INCLUDE\n*ELEMENT"), "line 8: .INCLUDE")
+    alone = changed("*ELEMENT", "9, 5., 5.\n*ELEMENT")
+    refused(alone, "line 8: .*node 9", dialect="abaqus", afferents={"SA": 9})
 
 
 @pytest.mark.parametrize(
@@ -187,10 +190,6 @@ def test_what_would_have_to_change_in_an_included_file_is_refused(
     replaced = before if name in ("end.inp", "static.inp") else ""
     new = f"*INCLUDE, INPUT={name}\n" + before.removeprefix(replaced)
     refused(changed(before, new), begin, resolver=FILES.get)
-
-
-def test_an_include_without_a_file_is_refused(changed, refused):
-    refused(changed("*ELEMENT", "*INCLUDE\n*ELEMENT"), "line 8: .INCLUDE")
 
 
 def test_a_file_that_was_not_read_is_named(changed, rebase, refused):
@@ -271,8 +270,3 @@ def test_a_turned_instance_is_refused_for_its_nodes(step, rebase, refused):
 def test_parts_and_instances_that_are_not_whole_are_refused(gone, begin, step, refused):
     deck = PARTS.replace(LEFT, "").replace(gone, "") + step
     refused(deck, begin, afferents={"SA": 3})
-
-
-def test_a_node_of_no_element_has_no_stress(changed, refused):
-    deck = changed("*ELEMENT", "9, 5., 5.\n*ELEMENT")
-    refused(deck, "line 8: .*node 9", dialect="abaqus", afferents={"SA": 9})

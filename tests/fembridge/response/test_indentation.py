@@ -69,6 +69,12 @@ def test_the_closure_is_the_one_worst_sample_of_all(percent, row, column):
         assert refusal is None or isinstance(refusal, HysteresisError)
 
 
+def stress_with(value, row, column):
+    stress_pa = stress_at(DEPTH_UM)
+    stress_pa[row, column] = value
+    return {"stress_pa": stress_pa}
+
+
 @pytest.mark.parametrize(
     ("changes", "shown"),
     [
@@ -78,28 +84,17 @@ def test_the_closure_is_the_one_worst_sample_of_all(percent, row, column):
         ({"force_n_per_mm": -1e-4 * DEPTH_UM}, "the force is -0.04 N/mm"),
         ({"force_n_per_mm": np.nan * DEPTH_UM}, "the force is nan N/mm"),
         ({"apex_um": np.nan * DEPTH_UM}, "the skin moved nan um"),
+        (stress_with(np.nan, 5, 0), "stress is not finite everywhere"),
+        (stress_with(np.nan, DEEPEST, 1), "stress is not finite everywhere"),
+        (stress_with(np.nan, DEPTH_UM.size - 3, 0), "stress is not finite everywhere"),
+        (stress_with(0.0, slice(None), 1), "an afferent feels nothing: its stress at 400 um is 0"),
     ],
 )
-def test_a_probe_that_slips_between_the_nodes_is_refused(changes, shown):
-    """The other trap: the run ends well, closes exactly, and nothing was pushed."""
+def test_a_run_in_which_nothing_was_pushed_or_felt_is_refused(changes, shown):
+    """The other trap: a probe slips between the nodes; the run ends well and closes exactly."""
     _, refusal = run(**changes)
     assert shown in str(refusal)
     assert not isinstance(refusal, HysteresisError)
-
-
-@pytest.mark.parametrize("row", [5, DEEPEST, DEPTH_UM.size - 3])
-@pytest.mark.parametrize("column", [0, 1])
-def test_stress_that_is_no_number_is_refused_wherever_it_stands(row, column):
-    stress_pa = stress_at(DEPTH_UM)
-    stress_pa[row, column] = np.nan
-    assert str(run(stress_pa=stress_pa)[1]) == "stress is not finite everywhere"
-
-
-def test_an_afferent_that_feels_nothing_is_refused():
-    stress_pa = stress_at(DEPTH_UM)
-    stress_pa[:, 1] = 0.0
-    _, refusal = run(stress_pa=stress_pa)
-    assert str(refusal) == "an afferent feels nothing: its stress at 400 um is 0"
 
 
 @pytest.mark.parametrize(

@@ -101,35 +101,29 @@ def test_a_finger_of_which_anything_failed_is_left_out_and_its_cause_told(result
     assert swept.causes == ("it diverged",)
 
 
-@pytest.mark.parametrize(
-    ("rows", "found"),
-    [
-        ([], "0"),
-        ([row(1.0, "sine_20_250", 1, 1)], "1"),
-        ([row(1.0, "sine_20_250", 1, 1), row(1.1, "sine_20_250", "", "", status="failed,x")], "1"),
-    ],
-)
-def test_fewer_than_two_fingers_are_refused(results, rows, found):
-    with pytest.raises(UsageError, match=f"fingers: {found},"):
-        read_swept(results(*rows))
+ONE, OTHER = row(1.0, "sine_20_250", 1, 1), row(1.1, "sine_20_250", 2, 1)
 
 
 @pytest.mark.parametrize(
-    ("rows", "found"),
+    ("error", "rows", "found"),
     [
+        (UsageError, [], "fingers: 0,"),
+        (UsageError, [ONE], "fingers: 1,"),
+        (UsageError, [ONE, row(1.1, "sine_20_250", "", "", status="failed,x")], "fingers: 1,"),
+        (TableError, [ONE, row(1.0, "sine_20_250", 2, 1)], "csv:3: .*sine_20_250, SA"),
+        (TableError, [ONE, row(1.1, "sine_50_250", 2, 1)], "sine_.*SA is not there"),
         (
-            [row(1.0, "sine_20_250", 1, 1), row(1.0, "sine_20_250", 2, 1)],
-            "csv:3: .*sine_20_250, SA",
+            TableError,
+            [ONE.replace("1.0", "thin"), OTHER.replace("1.1", "thick")],
+            "'thin', 'thick'",
         ),
-        ([row(1.0, "sine_20_250", 1, 1), row(1.1, "sine_50_250", 2, 1)], "sine_.*SA is not there"),
-        ([row("thin", "sine_20_250", 1, 1), row("thick", "sine_20_250", 2, 1)], "'thin', 'thick'"),
-        ([row(1.0, "sine_20_250", 1, 1), row("", "sine_20_250", 2, 1)], "dermis_mm is '1.0', ''"),
-        ([row(1.0, "sine_20_250", "nan", 1), row(1.1, "sine_20_250", 2, 1)], "rate_ips is nan"),
-        ([row(1.0, "sine_20_250", 1, 1, status="odd,")], "status is 'odd'"),
+        (TableError, [ONE, row("", "sine_20_250", 2, 1)], "dermis_mm is '1.0', ''"),
+        (TableError, [row(1.0, "sine_20_250", "nan", 1), OTHER], "rate_ips is nan"),
+        (TableError, [row(1.0, "sine_20_250", 1, 1, status="odd,")], "status is 'odd'"),
     ],
 )
-def test_a_table_that_is_not_one_is_refused(results, rows, found):
-    with pytest.raises(TableError, match=found):
+def test_what_is_no_table_of_two_fingers_or_more_is_refused(results, error, rows, found):
+    with pytest.raises(error, match=found):
         read_swept(results(*rows))
 
 
