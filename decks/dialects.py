@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from fembridge.errors import DeckError, UsageError
 
 if TYPE_CHECKING:
-    from jinja2 import Environment, Template
+    from jinja2 import Template
 
     from decks.analysis import Analysis
 
@@ -170,16 +170,12 @@ def dialect_named(name: str) -> Dialect:
     return DIALECTS[name]
 
 
+@cache
 def template(name: str) -> "Template":
     """The template `name` of this folder; a word that it is not given is an error."""
-    return _templates().get_template(name)
-
-
-@cache
-def _templates() -> "Environment":
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    return Environment(
+    environment = Environment(
         loader=PackageLoader("decks", "."),
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -187,3 +183,4 @@ def _templates() -> "Environment":
         keep_trailing_newline=True,
         autoescape=False,
     )
+    return environment.get_template(name)

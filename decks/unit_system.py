@@ -45,14 +45,7 @@ UNIT_SYSTEMS = {
         UnitSystem("IN_LB_S_F", "in", "psi", 25.4, 6894.757293168361, force_n=4.4482216152605),
     )
 }
-LENGTH_UNITS = {
-    name: UNIT_SYSTEMS[of]
-    for name, of in (
-        ("mm", "MM_TON_S_C"),
-        ("m", "M_KG_S_C"),
-        ("in", "IN_LB_S_F"),
-    )
-}
+LENGTH_UNITS = {"mm": MM, "m": UNIT_SYSTEMS["M_KG_S_C"], "in": UNIT_SYSTEMS["IN_LB_S_F"]}
 """What is meant where only the unit of length is given."""
 
 

@@ -358,9 +358,8 @@ def solve_transients(
     another friction are no choice. `parameters` is for the ``run.toml`` of each.
     """
     deepest_um = max(stimulus.deepest_um for stimulus in stimuli)
-    waiting = {folder / RUNS_FOLDER / stimulus.id: stimulus for stimulus in stimuli}
-    places, failure = dict(waiting), None
-    solved: dict[Path, RunFolder] = {}
+    failure: FembridgeError | None = None
+    solved: dict[str, RunFolder] = {}  # by stimulus
     slips = slips or any(stimulus.aside_um is not None for stimulus in stimuli)
     below = ladder[ladder.index(model.contact) + 1 :] if model.contact in ladder else ()
     for number, contact in enumerate((model.contact, *below), start=1):
@@ -378,32 +377,35 @@ def solve_transients(
             except ResponseError as error:
                 log(f"left {contact}: {error}")
                 continue
-        runs = [
-            build_run_folder(place, model, each, parameters=parameters)
-            for place, each in waiting.items()
-        ]
+        runs = {
+            one.id: build_run_folder(
+                folder / RUNS_FOLDER / one.id, model, one, parameters=parameters
+            )
+            for one in stimuli
+            if one.id not in solved
+        }
         try:
-            outcomes = run_folders(runs, settings.shared_by(min(settings.jobs, len(runs))))
+            shared = settings.shared_by(min(settings.jobs, len(runs)))
+            outcomes = run_folders(runs.values(), shared)
         except KeyboardInterrupt:
-            kept = len(solved) + sum(finished_outcome(run) is not None for run in runs)
+            kept = len(solved) + sum(finished_outcome(run) is not None for run in runs.values())
             log(f"{kept} of {len(stimuli)} transients are kept; the same command goes on with them")
             raise
-        for run, outcome in zip(runs, outcomes, strict=True):
+        for (name, run), outcome in zip(runs.items(), outcomes, strict=True):
             if outcome.failure is None:
-                solved[run.folder] = run
-                del waiting[run.folder]
+                solved[name] = run
                 continue
             failure = outcome.to_error()
             if outcome.failure.cause not in CONTACT_CAUSES:
                 raise failure
-            log(f"left {contact} for {run.folder.name}: {outcome.failure}")
+            log(f"left {contact} for {name}: {outcome.failure}")
         count = sum(outcome.accepted for outcome in outcomes)
         if count:
             wall_s = sum(outcome.wall_s for outcome in outcomes)
             log(f"{count} transients solved in {wall_s:.0f} s, contact {contact}")
-        if not waiting:
-            contacts = {each.id: solved[place].inputs["contact"] for place, each in places.items()}
-            return [list(read(solved[place])) for place in places], contacts
+        if len(solved) == len(stimuli):
+            contacts = {one.id: solved[one.id].inputs["contact"] for one in stimuli}
+            return [list(read(solved[one.id])) for one in stimuli], contacts
     raise failure or ResponseError(f"{folder}: no contact model was accepted")
 
 

@@ -42,9 +42,8 @@ DEFAULT_SET = "fitted"
 
 SET_NAMES = ("published", "fitted", "fitted_pad")
 
-_HEAD_KEYS = ("name", "preindent_um")
 _ORIGIN_KEYS = ("name", "fit", "study")
-_NO_SECTIONS = {"base", *_HEAD_KEYS, *_ORIGIN_KEYS}
+_NO_SECTIONS = {"base", "preindent_um", *_ORIGIN_KEYS}
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +93,9 @@ class ParameterSet:
             if base is not None and base not in SET_NAMES:
                 raise ParameterError(f"base is {base!r}, expected {' or '.join(SET_NAMES)}")
             start = parameter_set(base or SET_NAMES[0])
-            head = {key: table[key] for key in _HEAD_KEYS if key in table}
-            known = changed(_Head(name, start.preindent_um), head, ParameterError)
+            head = {"name": name, "preindent_um": start.preindent_um}
+            head |= {key: table[key] for key in head if key in table}
+            known = structure(head, _Head, ParameterError)
             sections = {key: one for key, one in table.items() if key not in _NO_SECTIONS}
             parameters = _parameters_of(sections, None if base is None else start.parameters)
             fit = _part(table, "fit")

@@ -332,20 +332,11 @@ def convergence(deflections: Sequence[Deflection]) -> list[dict[str, Any]]:
     width = np.array([mesh.elements**-0.5 for mesh in meshes])
     rows = []
     for quantity, values in quantities.items():
-        three = len(values) >= 3
-        limit, order = (
-            richardson(width[-3:], np.array(values[-3:])) if three else (math.nan, math.nan)
-        )
         change = 100 * (values[-1] - values[-2]) / values[-1]
-        rows.append(
-            {
-                "quantity": quantity,
-                "values": values,
-                "change_percent": change,
-                "limit": limit,
-                "order": order,
-            }
-        )
+        row = {"quantity": quantity, "values": values, "change_percent": change}
+        three = len(values) >= 3
+        found = richardson(width[-3:], np.array(values[-3:])) if three else (math.nan, math.nan)
+        rows.append(row | dict(zip(("limit", "order"), found, strict=True)))
     return rows
 
 

@@ -364,7 +364,7 @@ def _write_results(folder: Path, plan: Plan, causes: Mapping[str, str]) -> int:
     for key, item in plan.items.items():
         if key not in causes:
             try:
-                answers.append(read_answers(folder / item.place).reset_index().assign(key=key))
+                answers.append(read_answers(folder / item.place).assign(key=key))
             except (OSError, ValueError) as error:  # it went away since
                 causes[key] = str(error)
     found = pd.concat([each.astype(object) for each in answers])

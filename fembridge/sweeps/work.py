@@ -280,8 +280,7 @@ def read_answers(place: Path) -> "pd.DataFrame":
     import pandas as pd
 
     exact = {"rate_ips": float, "spikes": int, "peak_stress_pa": float}
-    table = pd.read_csv(place / ANSWERS_FILE, converters=exact)
-    return table.set_index(["stimulus", "afferent"])
+    return pd.read_csv(place / ANSWERS_FILE, converters=exact)
 
 
 @cache
