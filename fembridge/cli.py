@@ -188,46 +188,40 @@ class _Parser(argparse.ArgumentParser):
         A list ends at an option or at what is no item of it; and where the verb wants a word
         of its own, as a file, and there is none, at that.
         """
-        known, words = self._option_string_actions, args
         found: list[str] = []
         ends: list[tuple[Words, str]] = []  # lists, and the word that is no item
-        listed, own, at = range(0), 0, 0
-        while at < len(words):
-            word, at = words[at], at + 1
-            action = known.get(word)
+        last = None  # place of the last word of a list of anything
+        at = 0
+        while at < len(args):
+            word, at = args[at], at + 1
             if word == "--":
-                return super().parse_known_args([*found, *words[at - 1 :]], namespace)
-            if isinstance(action, Words) and at < len(words) and not _is_option(words[at]):
-                end = at + 1
-                while end < len(words) and not _is_option(words[end]) and action.takes(words[end]):
+                found += args[at - 1 :]
+                break
+            action, end, known = self._option_string_actions.get(word), at, ()
+            if isinstance(action, Words):
+                known = action.known
+                while end < len(args) and not _is_option(args[end]):
+                    if end > at and not action.takes(args[end]):
+                        ends.append((action, args[end]))
+                        break
                     end += 1
-                if end < len(words) and not _is_option(words[end]):
-                    ends.append((action, words[end]))
-                listed = range(len(found), len(found) + (0 if action.known else end - at))
-                found += [f"{word}={each}" for each in words[at:end]]
-                at = end
-                continue
-            found.append(word)
-            if action is None:
-                own += not _is_option(word)
-            else:  # with what belongs to it
-                count = action.nargs if isinstance(action.nargs, int) else 1
-                end = at
-                while end < min(at + count, len(words)) and not _is_option(words[end]):
-                    end += 1
-                found, at = [*found, *words[at:end]], end
-        own_ones = self._get_positional_actions()
-        if ends and own > len(own_ones) and all(one.nargs in (None, "?") for one in own_ones):
+            found += [f"{word}={each}" for each in args[at:end]] or [word]
+            last = last if end - at < 2 or known else len(found) - 1
+            at = end
+        try:
+            namespace, left = super().parse_known_args(found, namespace)
+        except UsageError:
+            if last is None:
+                raise
+            found[last] = found[last].partition("=")[2]
+            return super().parse_known_args(found, namespace)
+        if left and ends:
             action, word = ends[0]
             try:
                 action.items(word)
             except argparse.ArgumentError as error:
                 self.error(str(error))
-        wanted = sum(one.nargs in (None, "+") for one in own_ones)
-        if 0 < (lacking := wanted - own) < len(listed):
-            for row in listed[-lacking:]:
-                found[row] = found[row].partition("=")[2]
-        return super().parse_known_args(found, namespace)
+        return namespace, left
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:  # noqa: ANN401
         choices = list(map(str, action.choices or ()))

@@ -523,35 +523,21 @@ class TextTable:
         self, name: str, least: float = -math.inf, kind: type[float] = float
     ) -> NDArray[Any]:
         """Column of finite numbers of a `kind`, `least` or more."""
-        if self.cells[self.header.index(name)].dtype.kind in "iuf":
-            numbers = self.cells[self.header.index(name)].to_numpy(dtype=np.float64)
-            if kind is int:
-                whole = numbers == np.floor(numbers)
-                self.refuse(
-                    ~whole, lambda row: f"{name} is {numbers[row]:g}, expected a whole number"
-                )
-                numbers = numbers.astype(np.int64)
-        else:
-            numbers = self._from_text(name, kind)
-        wanted = "a finite number" if least == -math.inf else f">= {least:g}"
-        self.refuse(
-            ~(np.isfinite(numbers) & (numbers >= least)),
-            lambda row: f"{name} is {numbers[row]:g}, expected {wanted}",
-        )
-        return numbers
+        column = self.cells[self.header.index(name)]
+        cells = column.to_numpy() if column.dtype.kind in "iuf" else self.column(name)
+        numbers = _floats(cells)
+        good = np.isfinite(numbers) & (numbers >= least)
+        if kind is int:
+            good &= numbers == np.floor(numbers)
+        wanted = "a whole number" if kind is int else "a number"
+        wanted += f", {least:g} or more" if least > -math.inf else ""
 
-    def _from_text(self, name: str, kind: type[float]) -> NDArray[Any]:
-        cells = self.column(name)
-        if not self.text:  # of a DataFrame, where nothing is no number
-            cells = np.where(cells == "", "nan", cells)
-        try:
-            if any("_" in cell for cell in cells):  # Python's digit groups, nobody else's
-                raise ValueError
-            return cells.astype(kind)
-        except (ValueError, OverflowError):
-            words = "a whole number" if kind is int else "a number"
-            row = next(row for row, cell in enumerate(cells) if not _is(kind, cell))
-            raise self.error(row, f"{name} is {cells[row]!r}, expected {words}") from None
+        def problem(row: int) -> str:
+            cell = cells[row]
+            return f"{name} is {repr(cell) if isinstance(cell, str) else cell}, expected {wanted}"
+
+        self.refuse(~good, problem)
+        return numbers.astype(kind)
 
     def refuse_duplicates(self, keys: "pd.DataFrame") -> None:
         """Refuse two rows of the same `keys`, a row of them for each row here."""
@@ -739,9 +725,18 @@ def _not_csv(text: str, path: Path, problem: ValueError | csv.Error) -> TableErr
     return TableError(f"{found} cells, expected {expected} as in the header{hint}", path, line)
 
 
-def _is(kind: type[float], cell: str) -> bool:
+def _floats(cells: NDArray[Any]) -> FloatArray:
+    """Numbers of `cells`, NaN where one is none."""
     try:
-        np.array([cell], dtype=object).astype(kind)
-    except (ValueError, OverflowError):
-        return False
-    return "_" not in cell
+        if cells.dtype != object or not any("_" in cell for cell in cells):  # digit groups
+            return cells.astype(np.float64)
+    except (ValueError, TypeError):
+        pass
+
+    def number(cell: object) -> float:
+        try:
+            return math.nan if "_" in str(cell) else float(str(cell))
+        except ValueError:
+            return math.nan
+
+    return np.array([number(cell) for cell in cells])

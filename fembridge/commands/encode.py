@@ -93,7 +93,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Encode and write; the summary holds the rate of each trace."""
     from fembridge.encoding import encode
-    from fembridge.plots.spikes import raster_figure
     from fembridge.recording import FORMATS, Recording, require_libraries
     from fembridge.tables import Rate, write_rates, write_spikes
 
@@ -118,6 +117,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     spans_ms = [(trace.start_ms, float(trace.times_ms[-1])) for trace in traces]
     span_ms = min(first for first, _ in spans_ms), max(last for _, last in spans_ms)
     if not args.no_raster:
+        from fembridge.plots.spikes import raster_figure
+
         shown = set(windows_ms).pop() if len(set(windows_ms)) == 1 else None
         window_ms = None if shown == span_ms else shown
         files["raster.png"] = raster_figure(_in_rows(trains), span_ms=span_ms, window_ms=window_ms)

@@ -188,7 +188,7 @@ def test_an_xdmf_series_is_read_with_its_own_order_of_tensors(tmp_path, monkeypa
         ("t,S\n0,1\n1,2\n", {"value": "S"}, "name one of time"),
         ("t,S\n0,1\n1,2\n", {"time": "t", "xx": "S"}, "name value, or all of xx, yy"),
         ("t,S\n0,1\n1,x\n", {"time": "t", "value": "S"}, "them.csv:3: S is 'x', expected a number"),
-        ("t,S\n0,1\n1,nan\n", {"time": "t", "value": "S"}, "them.csv:3: S is nan, expected a fin"),
+        ("t,S\n0,1\n1,nan\n", {"time": "t", "value": "S"}, "them.csv:3: S is 'nan', expected a"),
         ("t,S,n\n0,1,1\n1,2,1\n0,1,2\n", {"time": "t", "value": "S", "node": "n"},
          "node 2 has few"),
         ("t,S,n\n0,1,1\n1,2,1\n0,1,2\n3,1,2\n", {"time": "t", "value": "S", "node": "n"},
