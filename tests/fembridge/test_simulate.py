@@ -1,7 +1,6 @@
 """The whole pipeline as a function: where its stress comes from, and who gets a line about it."""
 
 import os
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,12 +19,9 @@ from fembridge.response.indentation import LADDER, FrictionSlipError
 from fembridge.response.response_map import FOLDER, read_map
 from fembridge.run_folder import read_run_folder
 from fembridge.simulation import check_cost, simulate
-from fembridge.solver import ccx as ccx_module
 from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause, Failure, Outcome
 from fembridge.trace import StressTrace
-
-RECORDED = Path(__file__).parents[2] / "fixtures" / "response_quick"
 
 
 def stimuli_of(word, **options):
@@ -137,26 +133,6 @@ def test_with_a_solver_the_response_is_solved_below_the_folder(tmp_path, model, 
 
     assert ccx == [(tmp_path / "response", model, 350.0)]
     assert found.origin["source"] == "CalculiX"
-
-
-def test_results_that_are_there_answer_without_another_solve(tmp_path, model, monkeypatch, lines):
-    """The real ladder, over the recorded run, whose record has the second read it again."""
-
-    def play(run, settings, halt=None):
-        for name in ("job.frd", "job.dat"):
-            shutil.copy(RECORDED / name, run.folder)
-        outcome = Outcome(run.folder, exit_code=0, wall_s=9.6, increments=39)
-        ccx_module.write_record(run.folder, run.solver, outcome)
-        return outcome
-
-    monkeypatch.setattr(module, "find_ccx", lambda: Path("/usr/bin/ccx"))
-    monkeypatch.setattr(ccx_module, "run_ccx", play)
-    simulate(ONE, model, tmp_path, log=lines.append)
-    monkeypatch.setattr(ccx_module, "run_ccx", None)
-    simulate(ONE, model, tmp_path, log=lines.append)
-
-    assert "solved in 10 s: 39 increments" in lines[1]
-    assert "read again: 39 increments" in lines[3]
 
 
 def test_asked_for_what_is_not_stored_no_install_line_is_named(tmp_path, model, ccx):

@@ -7,7 +7,7 @@ import wave
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 import fembridge as fb
 from decks.stimuli import MAX_SAMPLES, resolve
@@ -164,27 +164,6 @@ def test_a_waveform_goes_through_every_verb_that_takes_a_stimulus(tap, capsys):
     )
     assert fb.touch(pins="pins.csv", population="one_each").way.window_ms == (0.0, 210.0)
     assert "not in the appendix" not in capsys.readouterr().err
-
-
-def test_waveforms_of_any_length_go_together(tap, tmp_path):
-    """Each counts, fires and comes back from `traces.npz` as it does alone."""
-    from fembridge.simulation import stimuli_in
-
-    words = ["tap.csv", "sine_20_250", "ramp_300_100_200_100"]
-    together = fb.simulate(words, stored=True)
-    together.write(tmp_path / "out")
-
-    for k, word in enumerate(words):
-        alone = fb.simulate(word, stored=True)
-        mine = [
-            train.times_ms.tolist()
-            for train in together.trains
-            if train.stimulus == alone.stimuli[0].id
-        ]
-        assert mine == [train.times_ms.tolist() for train in alone.trains]
-        back = stimuli_in(tmp_path / "out")
-        assert_array_equal(back.stimuli[k].displacement_um, alone.stimuli[0].displacement_um)
-        assert_array_equal(back.traces[k][0].stress_pa, alone.traces[0][0].stress_pa)
 
 
 @pytest.mark.parametrize(

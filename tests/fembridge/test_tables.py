@@ -14,7 +14,6 @@ from fembridge.tables import (
     read_rates,
     read_spikes,
     read_traces,
-    write_spikes,
 )
 from fembridge.trace import StressTrace, Traces
 
@@ -132,26 +131,6 @@ def test_a_column_that_is_missing_or_duplicate_is_named(table):
 def test_a_file_that_is_not_there_is_named(tmp_path):
     assert refusal(read_traces, tmp_path / "absent.csv")[0] is None
     assert refusal(read_traces, tmp_path)[0] is None
-
-
-def test_spike_trains_come_back_and_silent_ones_have_no_row(tmp_path):
-    path = tmp_path / "spikes.csv"
-    trains = [
-        SpikeTrain("sine_20_250", "SA", np.array([0.1 + 0.2, 7.5])),
-        SpikeTrain("sine_20_250", "SA", np.array([8.0]), repeat=1),
-        SpikeTrain("sine_20_6.71", "RA", np.array([])),
-        SpikeTrain("noise, loud", "PC", np.array([-1.5])),
-    ]
-
-    write_spikes(path, trains)
-    back = read_spikes(path)
-
-    assert [(t.stimulus, t.afferent, t.repeat, t.times_ms.tolist()) for t in back] == [
-        ("sine_20_250", "SA", 0, [0.1 + 0.2, 7.5]),
-        ("sine_20_250", "SA", 1, [8.0]),
-        ("noise, loud", "PC", 0, [-1.5]),
-    ]
-    assert path.read_bytes().endswith(b'"noise, loud",PC,0,-1.5\n')
 
 
 def test_spikes_in_any_order_come_back_rising_but_not_doubled(table):

@@ -35,33 +35,18 @@ def not_optimised(monkeypatch):
     monkeypatch.setattr(fingers, "_MOST_OPTIMISED", 0)
 
 
-def test_a_grid_gives_every_combination_and_rows_give_one_finger_each(study_file):
-    study = read_study(
-        study_file(
-            """
-            stimuli = ["sine_20_250"]
-            [[fingers]]
-            [fingers.grid]
-            skin.epidermis_mm = [0.3, 0.5]
-            "materials.dermis.young_mpa" = [0.04, 0.05, 0.06]
-            [[fingers]]
-            base = "paper"
-            rows = [{afferents.SA.depth_mm = 0.5}, {ridges.height_mm = 0.05}]
-            """
-        )
-    )
+def test_a_grid_gives_every_combination_and_rows_give_one_finger_each():
+    grid = {"skin.epidermis_mm": [0.3, 0.5], "materials.dermis.young_mpa": [0.04, 0.05, 0.06]}
+    rows = [{"afferents.SA.depth_mm": 0.5}, {"ridges.height_mm": 0.05}]
+    table = {**LEAST, "fingers": [{"grid": grid}, {"base": "paper", "rows": rows}]}
+    *made, one, other = study_from(table, None).variants
 
-    grid = study.variants[:6]
-    assert [
-        (each.finger.skin.epidermis_mm, each.finger.materials["dermis"].young_mpa) for each in grid
-    ] == list(product((0.3, 0.5), (0.04, 0.05, 0.06)))
-    one, other = study.variants[6:]
+    assert [tuple(map(each.value, grid)) for each in made] == list(product(*grid.values()))
     assert one.label == other.label == one.finger.name == "paper"
     assert one.finger.afferents["SA"].depth_mm == 0.5
     assert one.finger.ridges == PRESETS["paper"].ridges
-    assert other.finger.ridges.height_mm == other.value("ridges.height_mm") == 0.05
-    assert other.value("afferents.SA.depth_mm") == 0.5875
-    assert other.value("skin.colour") is None
+    assert other.finger.ridges.height_mm == 0.05
+    assert (other.value("afferents.SA.depth_mm"), other.value("skin.colour")) == (0.5875, None)
 
 
 def test_a_finger_file_is_a_base_and_counts_from_the_study(study_file, tmp_path):

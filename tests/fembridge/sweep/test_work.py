@@ -63,27 +63,6 @@ def test_all_stimuli_share_the_map_and_each_has_its_transient():
     assert len({each.solve_place for each in plan.items.values()}) == count + 1
 
 
-def test_two_sets_of_cells_and_two_choices_of_stimuli_read_one_solve():
-    one = study("sine_20", methods=("map", "transient"))
-    other = study(
-        "sine_20,noise_25_250",
-        methods=("map", "transient"),
-        parameters=parameter_set("published"),
-        preindents_um=(75.0,),
-    )
-    ones, others = (plan_of(each, CCX).items.values() for each in (one, other))
-
-    assert not {each.key for each in ones} & {each.key for each in others}
-    solves = [{each.solve_place for each in plan} for plan in (ones, others)]
-    assert {each.response.key for each in ones} == {each.response.key for each in others}
-    by_id = [
-        {each.entries[0].id: each.solve_place for each in plan if each.method != "map"}
-        for plan in (ones, others)
-    ]
-    assert by_id[0].items() <= by_id[1].items()
-    assert len(solves[1]) > len(solves[0])
-
-
 def test_what_is_asked_of_the_contact_is_put_into_every_rung():
     ladder = ladder_of({"friction": 0.2})
     assert {contact.friction for contact in ladder} == {0.2}
