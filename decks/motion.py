@@ -15,7 +15,6 @@ from fembridge.errors import DeckError
 from fembridge.stimulus import Stimulus
 from fembridge.typing import FloatArray
 
-PROCEDURES = ("static", "viscous", "dynamic")
 # A pre-indentation is reached in this many increments before the stimulus.
 RAMP_INCREMENTS = 20
 # A hold has few long increments: backward Euler, by which solvers relax, leaves
@@ -33,9 +32,10 @@ _S_PER_MS = 1.0e-3
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """A step of the solver: equal increments of `dt_s` by one of `PROCEDURES`.
+    """A step of the solver: equal increments of `dt_s`.
 
-    Every so many of them, `every`, are a sample, and written.
+    `procedure` is ``static``, ``viscous`` or ``dynamic``. Every so many increments, `every`, are
+    a sample, and written.
     """
 
     procedure: str
@@ -50,8 +50,9 @@ class Motion:
 
     The solver takes the increments of `phases`, one a time; `ramp` of them lie before
     the stimulus and lead to its pre-indentation. From there on a sample of the
-    stimulus comes every `dt_s`, an increment or two of the last phase. `aside_mm`
-    ``(T,)`` is the way along x, None where there is none.
+    stimulus comes every `dt_s`, an increment or two of the last phase. Someone's own deck
+    has its own steps, and takes no phases. `aside_mm` ``(T,)`` is the way along x, None where
+    there is none.
     """
 
     time_s: FloatArray
@@ -60,11 +61,6 @@ class Motion:
     ramp: int
     phases: tuple[Phase, ...] = ()
     aside_mm: FloatArray | None = None
-
-    def __post_init__(self) -> None:
-        if not self.phases:
-            one = Phase(PROCEDURES[0], self.dt_s, len(self.time_s) - 1)
-            object.__setattr__(self, "phases", (one,))
 
     @property
     def increments(self) -> int:

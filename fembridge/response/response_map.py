@@ -147,8 +147,6 @@ class ResponseMap:
 
         Of the afferent in one `column` alone ``(T, 6)``.
         """
-        if not np.isfinite(displacement_um).all():
-            raise ResponseError(f"{name}: a probe depth is not finite")
         deepest_um = float(displacement_um.max())
         if deepest_um > self.deepest_um:
             raise ResponseError(

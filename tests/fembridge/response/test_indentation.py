@@ -69,12 +69,6 @@ def test_the_closure_is_the_one_worst_sample_of_all(percent, row, column):
         assert refusal is None or isinstance(refusal, HysteresisError)
 
 
-def stress_with(value, row, column):
-    stress_pa = stress_at(DEPTH_UM)
-    stress_pa[row, column] = value
-    return {"stress_pa": stress_pa}
-
-
 @pytest.mark.parametrize(
     ("changes", "shown"),
     [
@@ -84,10 +78,10 @@ def stress_with(value, row, column):
         ({"force_n_per_mm": -1e-4 * DEPTH_UM}, "the force is -0.04 N/mm"),
         ({"force_n_per_mm": np.nan * DEPTH_UM}, "the force is nan N/mm"),
         ({"apex_um": np.nan * DEPTH_UM}, "the skin moved nan um"),
-        (stress_with(np.nan, 5, 0), "stress is not finite everywhere"),
-        (stress_with(np.nan, DEEPEST, 1), "stress is not finite everywhere"),
-        (stress_with(np.nan, DEPTH_UM.size - 3, 0), "stress is not finite everywhere"),
-        (stress_with(0.0, slice(None), 1), "an afferent feels nothing: its stress at 400 um is 0"),
+        (
+            {"stress_pa": stress_at(DEPTH_UM) * [1, 0]},
+            "an afferent feels nothing: its stress at 400 um is 0",
+        ),
     ],
 )
 def test_a_run_in_which_nothing_was_pushed_or_felt_is_refused(changes, shown):
@@ -109,7 +103,7 @@ def test_a_run_that_compares_nothing_proves_nothing(depth_um):
     """No way back, no depth that was loaded to, or first touch alone."""
     closure_percent, refusal = run(depth_um)
     assert np.isnan(closure_percent)
-    assert str(refusal) == "the run does not come back over depths that it loaded to"
+    assert isinstance(refusal, HysteresisError)
 
 
 FIXTURES = Path(__file__).parents[3] / "fixtures"
@@ -210,6 +204,13 @@ def test_out_of_plane_shear_that_is_no_rounding_noise_is_refused(folder):
     tensor_pa, _, deepest = results_of(folder)
     scale(folder / "job.frd", tensor_pa[deepest, 0, 4] / PA_PER_MPA, 1e12)
     with pytest.raises(ResultError, match=r"out-of-plane shear of .* Pa, expected none"):
+        recorded_response(folder)
+
+
+def test_stress_that_is_no_number_is_refused(folder):
+    tensor_pa, _, deepest = results_of(folder)
+    scale(folder / "job.frd", tensor_pa[deepest, 0, 0] / PA_PER_MPA, np.nan)
+    with pytest.raises(ResultError, match="stress, displacement or force is not finite"):
         recorded_response(folder)
 
 

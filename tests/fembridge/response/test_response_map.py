@@ -52,12 +52,6 @@ def test_a_stimulus_that_goes_too_deep_is_refused_with_both_depths(made_map, dep
     assert str(caught.value) == (f"mine goes {depth_um:g} um deep, the response map reaches 300 um")
 
 
-@pytest.mark.parametrize("depth_um", [np.nan, np.inf, -np.inf])
-def test_a_depth_that_is_none_is_refused(made_map, depth_um):
-    with pytest.raises(ResponseError, match="probe: a probe depth is not finite"):
-        made_map().tensors(np.array([0.0, depth_um]))
-
-
 BAD = [
     {"depth_um": np.arange(7.0)},
     {"force_n_per_mm": np.zeros(3)},
