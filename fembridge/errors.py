@@ -19,7 +19,9 @@ A message says what was found, what was expected and where. Errors pickle, so
 that a worker can raise them and its parent report them.
 """
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Self
 
 
 class FembridgeError(Exception):
@@ -68,6 +70,11 @@ class _PlacedError(FembridgeError):
     def __init__(self, problem: str, path: Path, line: int | None = None) -> None:
         super().__init__(problem, path, line)  # these rebuild it after pickling
         self.problem, self.path, self.line = problem, path, line
+
+    @classmethod
+    def at(cls, path: Path) -> Callable[[str], Self]:
+        """What makes an error at `path` of a problem, whose words may begin with the path."""
+        return lambda problem: cls(problem.removeprefix(f"{path}: "), path)
 
     def __str__(self) -> str:
         where = self.path if self.line is None else f"{self.path}:{self.line}"

@@ -17,7 +17,7 @@ from typing import Any
 
 from decks.dialects import dialect_of
 from fembridge.errors import ResultError, TableError
-from fembridge.store import read_toml, structure, write_text
+from fembridge.store import read_toml, structure, write_toml
 from fembridge.trace import AFFERENT_NAME, Origin, finger_id
 from fembridge.typing import FloatArray, Table
 
@@ -140,8 +140,6 @@ class RunFolder:
 
     def write(self) -> None:
         """Write ``run.toml``."""
-        import tomli_w
-
         time = {one.name: getattr(self, one.name) for one in fields(_Time)}
         table: Table = {
             "format": FORMAT,
@@ -157,7 +155,7 @@ class RunFolder:
             "inputs": dict(self.inputs),
         }
         table = {k: v for k, v in table.items() if v or k not in _MAY_BE_ABSENT}
-        write_text(self.folder / RUN_FILE, tomli_w.dumps(table))
+        write_toml(self.folder / RUN_FILE, table)
 
 
 _MAY_BE_ABSENT = (
@@ -199,10 +197,7 @@ def read_run_folder(folder: Path) -> RunFolder:
         There is none, or it is not one that fembridge wrote.
     """
     path = folder / RUN_FILE
-
-    def failed(problem: str) -> ResultError:
-        return ResultError(problem.removeprefix(f"{path}: "), path)
-
+    failed = ResultError.at(path)
     if not path.exists():
         raise ResultError("no run.toml: not a run folder of fembridge", folder)
     table = read_toml(path, failed)

@@ -48,7 +48,7 @@ from fembridge.run_folder import RUN_FILE, RunFolder, read_run_folder, read_wave
 from fembridge.solver.ccx import finished_outcome, run_folders
 from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.stimulus import Stimulus
-from fembridge.store import filling, read_toml, remove_file, replacing, sha256_of, write_text
+from fembridge.store import filling, read_toml, remove_file, replacing, sha256_of, write_toml
 from fembridge.tables import (
     SPIKE_COLUMNS,
     Rate,
@@ -157,8 +157,6 @@ class Simulation:
         a shorter stimulus. All of them, and with `plot` ``raster.png``, are replaced, or, after
         an `OutputError`, none: a ``finger.toml`` of the user's own is not.
         """
-        import tomli_w
-
         stimuli = {stimulus.id: stimulus_inputs(stimulus) for stimulus in self.stimuli}
         for table in stimuli.values():
             del table["id"]
@@ -186,14 +184,14 @@ class Simulation:
             write_spikes(draft / SPIKES_FILE, self.trains)
             write_rates(draft / RATES_FILE, self.mean_rates)
             if has_file:
-                write_text(draft / FINGER_FILE, tomli_w.dumps(finger))
+                write_toml(draft / FINGER_FILE, finger)
                 record["response"] = {
                     **response,
                     "finger": finger.get("name", ""),
                     "finger_file": FINGER_FILE,
                     "finger_file_sha256": sha256_of(draft / FINGER_FILE),
                 }
-            write_text(draft / RECORD_FILE, tomli_w.dumps(record))
+            write_toml(draft / RECORD_FILE, record)
             if plot:
                 from fembridge.plots.style import save_figure
 
@@ -672,10 +670,7 @@ def arrays_in(
 def _simulation(folder: Path) -> FolderStimuli:
     """Waveforms and stress of ``traces.npz``, windows of ``simulation.toml``."""
     path, record = folder / TRACES_FILE, folder / RECORD_FILE
-
-    def failed(problem: str) -> ResultError:
-        return ResultError(problem.removeprefix(f"{record}: "), record)
-
+    failed = ResultError.at(record)
     table = read_toml(record, failed)
     names, depths_um, traces = arrays_in(path)
     dt_ms = traces[0][0].dt_ms

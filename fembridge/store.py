@@ -170,6 +170,13 @@ def write_text(path: Path, text: str) -> None:
         out.write(text)
 
 
+def write_toml(path: Path, table: Table) -> None:
+    """Write `table` as TOML, whole or not at all."""
+    import tomli_w
+
+    write_text(path, tomli_w.dumps(table))
+
+
 def make_folder(folder: Path) -> Path:
     """Make `folder` and its parents; say what is in the way of it."""
     try:

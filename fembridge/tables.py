@@ -37,7 +37,7 @@ from fembridge.store import (
     sha256_of,
     structure,
     unstructure,
-    write_text,
+    write_toml,
 )
 from fembridge.trace import (
     MS_PER_S,
@@ -381,10 +381,7 @@ def _origin_of(path: Path, log: Callable[[str], None] | None) -> Origin | None:
     record = origin_file(path)
     if not record.is_file():
         return None
-
-    def failed(problem: str) -> TableError:
-        return TableError(problem.removeprefix(f"{record}: "), record)
-
+    failed = TableError.at(record)
     table = read_toml(record, failed)
     if table.pop("traces_sha256", None) == sha256_of(path):
         return structure(table, Origin, failed)
@@ -395,13 +392,11 @@ def _origin_of(path: Path, log: Callable[[str], None] | None) -> Origin | None:
 
 def write_origin(path: Path, origin: Origin | None) -> None:
     """Write of which run the traces of the table `path` are; None takes an earlier one away."""
-    import tomli_w
-
     if origin is None:
         remove_file(origin_file(path))
     else:
         table = {"traces_sha256": sha256_of(path), **unstructure(origin)}
-        write_text(origin_file(path), tomli_w.dumps(table))
+        write_toml(origin_file(path), table)
 
 
 def read_spikes(path: Path) -> list[SpikeTrain]:
@@ -678,10 +673,7 @@ def _others_table(path: Path) -> TextTable | None:
 
 
 def _decoded(path: Path, errors: str = "strict") -> str:
-    def error_of(words: str) -> TableError:
-        return TableError(words.removeprefix(f"{path}: "), path)
-
-    content = read_bytes(path, MAX_TABLE_BYTES, error_of)
+    content = read_bytes(path, MAX_TABLE_BYTES, TableError.at(path))
     if b"\0" in content:
         raise TableError(
             "a binary file, expected a CSV table in UTF-8; of results `fembridge ingest` makes one",

@@ -28,7 +28,7 @@ from fembridge.fitting.problem import (
 )
 from fembridge.observed import FAMILIES, ObservedRates
 from fembridge.response.response_map import ResponseMap
-from fembridge.store import write_text
+from fembridge.store import write_toml
 from fembridge.tables import Rate, write_rates, write_table
 from fembridge.terminal import Bars
 from fembridge.typing import FloatArray, Table
@@ -335,8 +335,6 @@ def write_fit(folder: Path, run: FitRun, name: str) -> None:
     total error first: its number from 1, whether it was chosen, its free parameters,
     the RMSE of each group and that of all stimuli.
     """
-    import tomli_w
-
     for fit, file in zip(run.fits, run.front_files, strict=True):
         front = fit.front
         groups = [f"rmse_{name.replace(' ', '_')}_ips" for name in front.groups]
@@ -369,7 +367,7 @@ def write_fit(folder: Path, run: FitRun, name: str) -> None:
         **parameters_to_table({fit.afferent: fit.parameters for fit in run.fits}),
         "fit": run.provenance,
     }
-    write_text(folder / PARAMETERS_FILE, tomli_w.dumps(table))
+    write_toml(folder / PARAMETERS_FILE, table)
 
 
 def fit_table(

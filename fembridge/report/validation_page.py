@@ -62,7 +62,7 @@ from fembridge.report.shortfalls import fingertip_shortfalls, shortfalls
 from fembridge.report.validate import PUBLISHED_NAME, RASTER_STIMULI, Validation, repeated_trains
 from fembridge.simulation import spikes_frame
 from fembridge.stimulus import Stimulus
-from fembridge.store import filling, sha256_of, write_text
+from fembridge.store import filling, sha256_of, write_text, write_toml
 from fembridge.tables import AFFERENTS, SPIKE_COLUMNS, SpikeTrain
 from fembridge.typing import Table
 from fembridge.version import __version__
@@ -134,13 +134,11 @@ def write_report(folder: Path, study: Validation, command: str) -> tuple[str, ..
     OutputError
         `folder` cannot be written. What stood there before is untouched.
     """
-    import tomli_w
-
     with filling(folder, last=RECORD) as draft:
         write_text(draft / PAGE, page_text(study, command, draft))
         for name, frame in csv_tables(study).items():
             write_text(draft / f"{name}.csv", frame.to_csv(index=False, lineterminator="\n"))
-        write_text(draft / RECORD, tomli_w.dumps(_record(study, command, draft)))
+        write_toml(draft / RECORD, _record(study, command, draft))
         names = sorted(path.name for path in draft.iterdir())
     return (PAGE, *(name for name in names if name != PAGE))
 

@@ -127,10 +127,7 @@ def _sets_in(deck: Path) -> Sets:
 
 
 def _bytes(deck: Path) -> bytes:
-    def failed(words: str) -> ResultError:
-        return ResultError(words.removeprefix(f"{deck}: "), deck)
-
-    return read_bytes(deck, MAX_DECK_BYTES, failed)
+    return read_bytes(deck, MAX_DECK_BYTES, ResultError.at(deck))
 
 
 def near_nodes(source: Source, places_mm: Sequence[Sequence[float]]) -> list[tuple[int, str]]:

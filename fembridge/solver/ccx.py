@@ -39,7 +39,7 @@ from fembridge.run_folder import SOLVER_FILE, RunFolder, read_run_folder
 from fembridge.solver.process import signals_as_exits, start, stop
 from fembridge.solver.settings import DEFAULTS, OnProgress, Progress, SolverSettings
 from fembridge.solver.verdict import Cause, Failure, Outcome, find_card, judge, read_solver_log
-from fembridge.store import folder_lock, make_folder, read_toml, sha256_of, write_text
+from fembridge.store import folder_lock, make_folder, read_toml, sha256_of, write_text, write_toml
 from fembridge.typing import Table
 
 ENTRY_POINTS = "fembridge.solvers"
@@ -449,8 +449,6 @@ def _keep_evidence(run: RunFolder, work: Path, failure: Failure) -> None:
 
 def write_record(folder: Path, solver: str, outcome: Outcome) -> None:
     """Write ``solver.toml`` beside the deck and the results that `outcome` is of."""
-    import tomli_w
-
     table: Table = {
         "format": RECORD_FORMAT,
         "solver": solver,
@@ -462,7 +460,7 @@ def write_record(folder: Path, solver: str, outcome: Outcome) -> None:
         **_digests(folder),
         **({} if outcome.threads is None else {"threads": outcome.threads}),
     }
-    write_text(folder / SOLVER_FILE, tomli_w.dumps(table))
+    write_toml(folder / SOLVER_FILE, table)
 
 
 def _digests(folder: Path) -> dict[str, str]:
