@@ -192,11 +192,7 @@ SAID = {
         201,
     ),
     "starved": (0, " *ERROR in u_calloc: error allocating memory\n", 16),
-    "no_room": (
-        2,
-        "Fortran runtime error: No space left on device\n" + 9 * "#0  0x7f in ???\n",
-        2,
-    ),
+    "no_room": (2, "Fortran runtime error: No space left on device\n" + 9 * "#0  0x7f in ???\n", 2),
 }
 """Increments that are made, last words and exit code."""
 

@@ -7,11 +7,7 @@ from fembridge.errors import DeckError, UsageError
 
 
 @pytest.mark.parametrize(
-    ("solver", "word", "ours"),
-    [
-        ("marc", "80", "CPE4H"),
-        ("marc", "cpe8r", "CPE8R"),
-    ],
+    ("solver", "word", "ours"), [("marc", "80", "CPE4H"), ("marc", "cpe8r", "CPE8R")]
 )
 def test_an_element_goes_by_our_name_and_by_the_solvers(solver, word, ours):
     assert dialect_named(solver).element_named(word) == ours

@@ -86,10 +86,7 @@ def test_each_case_has_the_forces_that_can_move_it():
 
 @pytest.mark.parametrize(
     ("finger", "mesh", "named"),
-    [
-        (QUICK, COARSE, "0.125"),
-        (smooth(QUICK), replace(COARSE, reach_mm=11.0), "10.3"),
-    ],
+    [(QUICK, COARSE, "0.125"), (smooth(QUICK), replace(COARSE, reach_mm=11.0), "10.3")],
 )
 def test_what_no_grid_can_hold_is_refused(finger, mesh, named):
     with pytest.raises(FingerError, match=named):

@@ -102,12 +102,7 @@ LACKING = "sine_20_25,SA,3\nsine_20_25,RA,3\nsine_50_250,SA,4\nsine_100_10,RA,5\
         ("sine_20_25,3\n", 2, "'3'"),
         *(
             (f"sine_20_25,SA,3\nsine_20_25,RA,{cell}\n", 3, found)
-            for cell, found in (
-                ("", "''"),
-                ("NaN", "'NaN'"),
-                ("-3", "-3"),
-                ('"12,5"', "'12,5'"),
-            )
+            for cell, found in (("", "''"), ("NaN", "'NaN'"), ("-3", "-3"), ('"12,5"', "'12,5'"))
         ),
     ],
 )

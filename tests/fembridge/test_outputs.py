@@ -57,10 +57,7 @@ TABLES = [
     (["stimuli", "--export", "csv", "sine_20_250", "-o", "out/"], {"*.csv": "ID.csv"}),
     (["build-deck", "--stimulus", "sine_20_250", "-o", "out"], {"*/*.csv": "ID/stimulus.csv"}),
     (["ingest", RUN, "-o", "out/a.csv"], {"a.csv": "NAME_traces.csv"}),
-    (
-        ["ingest", FRD, "--field", "STRESS", "-o", "out/a.csv"],
-        {"a.csv": "NAME_stress_1_39.csv"},
-    ),
+    (["ingest", FRD, "--field", "STRESS", "-o", "out/a.csv"], {"a.csv": "NAME_stress_1_39.csv"}),
     *(
         (["ingest", str(QUICK / f"job.{kind}"), "-o", "out/a.csv"], {"a.csv": f"NAME_{kind}.csv"})
         for kind in ("dat", "sta", "cvg")

@@ -65,10 +65,7 @@ def test_verbs_that_only_tell_something_load_no_numpy(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "kind", "code"),
-    [
-        ("decks", "module", "import fembridge"),
-        ("neural", "package", "import fembridge.errors"),
-    ],
+    [("decks", "module", "import fembridge"), ("neural", "package", "import fembridge.errors")],
 )
 def test_it_refuses_to_start_beside_a_stranger_and_names_the_file(tmp_path, name, kind, code):
     stranger = tmp_path / (f"{name}.py" if kind == "module" else f"{name}/__init__.py")

@@ -9,12 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fembridge.errors import TableError, TraceError
-from fembridge.tables import (
-    SpikeTrain,
-    read_rates,
-    read_spikes,
-    read_traces,
-)
+from fembridge.tables import SpikeTrain, read_rates, read_spikes, read_traces
 from fembridge.trace import StressTrace, Traces
 
 HEADER = "time_ms,afferent,node,von_mises_pa\n"

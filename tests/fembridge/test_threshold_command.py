@@ -8,20 +8,9 @@ import pytest
 
 from fembridge import cli
 from fembridge.errors import TableError, UsageError
-from fembridge.evidence import (
-    CRITERIA,
-    DISTANCE,
-    THRESHOLDS,
-    published,
-    read_evidence,
-)
+from fembridge.evidence import CRITERIA, DISTANCE, THRESHOLDS, published, read_evidence
 from fembridge.fitting.problem import stored_source
-from fembridge.tuning import (
-    against_evidence,
-    frequencies_of,
-    thresholds,
-    vibration,
-)
+from fembridge.tuning import against_evidence, frequencies_of, thresholds, vibration
 from neural import encode_cells
 from neural.parameters import RisingRaParameters
 

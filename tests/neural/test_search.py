@@ -1,5 +1,7 @@
 """The search, which candidate is taken, and predictions of groups that were left out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -22,20 +24,26 @@ TIMES_MS = DT_MS * np.arange(101)
 SMALL = {"evaluations": 120, "population": 24}
 
 
-def problem_of(groups=("20", "20", "90", "90"), name="published", cells=1):
-    """Two stimuli at each of two frequencies, observed so that no cell fits both."""
-    stress = np.array([8e3, 2e4, 3e3, 1e4]) * (
-        1.0 + np.sin(2e-3 * np.pi * np.outer(TIMES_MS, [20, 20, 90, 90]))
-    )
+def problem_with(stress_pa, observed_ips, groups, name="rising", cells=1, window_ms=(0.0, 50.0)):
     return FitProblem(
         model=model_named(name, "RA"),
-        stress_pa=stress,
-        observed_ips=np.array([60.0, 150.0, 20.0, 45.0]),
+        stress_pa=stress_pa,
+        observed_ips=np.array(observed_ips),
         groups=groups,
-        windows_ms=((0.0, 50.0),) * 4,
+        windows_ms=(window_ms,) * len(groups),
         dt_ms=DT_MS,
         cells=cells,
     )
+
+
+def sines(peaks_pa, frequencies_hz):
+    return np.array(peaks_pa) * (1 + np.sin(2e-3 * np.pi * np.outer(TIMES_MS, frequencies_hz)))
+
+
+def problem_of(groups=("20", "20", "90", "90"), name="published"):
+    """Two stimuli at each of two frequencies, observed so that no cell fits both."""
+    stress_pa = sines([8e3, 2e4, 3e3, 1e4], [20, 20, 90, 90])
+    return problem_with(stress_pa, [60.0, 150.0, 20.0, 45.0], groups, name)
 
 
 PROBLEM = problem_of()
@@ -158,15 +166,7 @@ def choice_problem(observed_ips, groups=("a", "a", "b", "b")):
     stress = np.zeros((201, 4))
     for column, rises in enumerate(RISES):
         stress[:, column] = 600.0 * np.minimum(ROWS // 16, rises)
-    return FitProblem(
-        model=model_named("rising", "RA"),
-        stress_pa=stress,
-        observed_ips=np.array(observed_ips),
-        groups=groups,
-        windows_ms=((0.0, 100.0),) * 4,
-        dt_ms=0.5,
-        cells=1,
-    )
+    return problem_with(stress, observed_ips, groups, window_ms=(0.0, 100.0))
 
 
 # Rates 10 x (3, 9, 2, 6) with a step below 600 Pa; with one above 600 Pa every other
@@ -232,15 +232,7 @@ def test_beyond_a_tenth_the_smaller_error_wins(near_ips, row):
     """The total of row 1 is just inside or outside 1.1 times 20 ips."""
     problem = choice_problem([20.0, 80.0, 0.0, 20.0])
     front = front_of(problem, EVERY, OTHER)  # OTHER has the closer response
-    made = Front(
-        free=front.free,
-        groups=front.groups,
-        values=front.values,
-        errors_ips2=np.array([[400.0, 400.0], [near_ips**2, near_ips**2]]),
-        evaluations=2,
-        seed=1,
-        finished=True,
-    )
+    made = replace(front, errors_ips2=np.array([[400.0, 400.0], [near_ips**2, near_ips**2]]))
 
     assert NEAR_SHARE == 0.10
     assert choose(problem, made, "smallest_error").row == 0
@@ -262,18 +254,8 @@ EVALUATIONS = 400
 
 
 def grouped_problem(observed_ips=OBSERVED_IPS, groups=GROUPS):
-    stress = np.array([8e3, 3e3, 2e4, 1e4, 9e3]) * (
-        1.0 + np.sin(2e-3 * np.pi * np.outer(TIMES_MS, [20, 90, 20, 90, 50]))
-    )
-    return FitProblem(
-        model=model_named("rising", "RA"),
-        stress_pa=stress,
-        observed_ips=np.array(observed_ips),
-        groups=groups,
-        windows_ms=((0.0, 50.0),) * 5,
-        dt_ms=DT_MS,
-        cells=2,
-    )
+    stress_pa = sines([8e3, 3e3, 2e4, 1e4, 9e3], [20, 90, 20, 90, 50])
+    return problem_with(stress_pa, observed_ips, groups, cells=2)
 
 
 def trial_of(problem, **options):

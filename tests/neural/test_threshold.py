@@ -10,11 +10,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from neural.threshold import (
-    Plateau,
-    entrainment_plateau,
-    threshold_amplitude_um,
-)
+from neural.threshold import Plateau, entrainment_plateau, threshold_amplitude_um
 
 curves = st.lists(
     st.tuples(st.integers(1, 2000), st.integers(0, 60)),

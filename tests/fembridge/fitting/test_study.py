@@ -10,13 +10,7 @@ from fembridge.cli import main
 from fembridge.errors import UsageError
 from fembridge.fitting import study
 from fembridge.fitting.problem import stored_source
-from fembridge.fitting.study import (
-    Case,
-    default_cases,
-    study_models,
-    summary_text,
-    write_cases,
-)
+from fembridge.fitting.study import Case, default_cases, study_models, summary_text, write_cases
 from fembridge.observed import read_observed
 from fembridge.tables import Rate, write_rates
 from neural.models import MODELS

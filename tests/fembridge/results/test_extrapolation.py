@@ -8,12 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from fembridge.results.extrapolation import (
-    ELEMENT_TYPES,
-    node_places,
-    node_weights,
-    point_places,
-)
+from fembridge.results.extrapolation import ELEMENT_TYPES, node_places, node_weights, point_places
 from fembridge.results.stress import von_mises_pa
 
 ROOT3, ROOT15 = math.sqrt(3), math.sqrt(15)

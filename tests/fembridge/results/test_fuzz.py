@@ -16,11 +16,7 @@ from opened import near_nodes
 from fembridge.errors import FembridgeError
 from fembridge.results import describe, read, read_fields
 from fembridge.results.nodes import read_node_sets
-from fembridge.results.printed import (
-    print_rows,
-    read_point_history,
-    read_point_stress,
-)
+from fembridge.results.printed import print_rows, read_point_history, read_point_stress
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import read_values
 from fembridge.results.status import read_cvg, read_sta

@@ -14,11 +14,7 @@ from opened import rows_of
 
 from fembridge.errors import ResultError
 from fembridge.results import describe, printed
-from fembridge.results.printed import (
-    dat_sections,
-    print_rows,
-    read_point_history,
-)
+from fembridge.results.printed import dat_sections, print_rows, read_point_history
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.stress import von_mises_pa
 

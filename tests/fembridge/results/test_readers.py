@@ -217,16 +217,20 @@ def nodes_of(run):
 
 
 @pytest.fixture
-def relaxing(tmp_path):
-    """A recorded run that says that PC's node has three branches."""
-    shutil.copytree(RECORDED, tmp_path / "run")
-    run = read_run_folder(tmp_path / "run")
-    replace(run, branches={nodes_of(run)["PC"]: 3}).write()
-    return read_run_folder(tmp_path / "run")
+def saying(tmp_path):
+    """A function that gives a recorded run which says that of its nodes."""
+
+    def write(of):
+        run = read_run_folder(shutil.copytree(RECORDED, tmp_path / "run"))
+        replace(run, **of(nodes_of(run))).write()
+        return read_run_folder(tmp_path / "run")
+
+    return write
 
 
 @pytest.mark.parametrize("by_number", [False, True])
-def test_stress_is_the_sum_where_there_are_branches_and_else_as_it_was(relaxing, by_number):
+def test_stress_is_the_sum_where_there_are_branches_and_else_as_it_was(saying, by_number):
+    relaxing = saying(lambda nodes: {"branches": {nodes["PC"]: 3}})
     nodes = nodes_of(relaxing)
     chosen = list(nodes.values()) if by_number else None
     plain = {trace.node: trace.stress_pa for trace in read(RECORDED, chosen)}
@@ -259,17 +263,10 @@ def von_mises(tensor):
     return np.sqrt(1.5 * (deviator**2).sum())
 
 
-@pytest.fixture
-def halved(tmp_path):
-    """A recorded run that says that RA's node, where there is shear, is on the axis."""
-    shutil.copytree(RECORDED, tmp_path / "run")
-    run = read_run_folder(tmp_path / "run")
-    replace(run, on_axis=(nodes_of(run)["RA"],)).write()
-    return read_run_folder(tmp_path / "run")
-
-
 @pytest.mark.parametrize("by_number", [False, True])
-def test_traces_of_a_half_are_made_without_that_shear(halved, by_number):
+def test_traces_of_a_half_are_made_without_the_shear_on_its_axis(saying, by_number):
+    """As if RA's node, where there is shear, were there."""
+    halved = saying(lambda nodes: {"on_axis": (nodes["RA"],)})
     node = nodes_of(halved)["RA"]
     chosen = [node] if by_number else None
     found = {trace.node: trace for trace in read(halved.folder, chosen)}

@@ -225,13 +225,8 @@ def test_an_afferent_whose_depth_is_varied_stays_at_that_depth(tmp_path):
         ranges={"skin.epidermis_mm": "5 %", "afferents.SA.depth_mm": [0.5, 0.6]},
     )
 
-    assert [each.finger.afferents["SA"].depth_mm for each in study.variants] == [
-        0.5875,
-        0.5875,
-        0.5875,
-        0.5,
-        0.6,
-    ]
+    depths_mm = [each.finger.afferents["SA"].depth_mm for each in study.variants]
+    assert depths_mm == [0.5875, 0.5875, 0.5875, 0.5, 0.6]
 
 
 @pytest.mark.parametrize(

@@ -48,8 +48,7 @@ def test_fields_at_a_multiple_of_threshold_are_about_as_large_as_in_man():
 
 
 @pytest.mark.parametrize(
-    "arguments",
-    [{"afferent": "XX"}, {"criterion": 0.0}, {"depth_um": [-1.0]}, {"step_mm": 0.0}],
+    "arguments", [{"afferent": "XX"}, {"criterion": 0.0}, {"depth_um": [-1.0]}, {"step_mm": 0.0}]
 )
 def test_what_means_nothing_is_refused(arguments):
     with pytest.raises(UsageError):

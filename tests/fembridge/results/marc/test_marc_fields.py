@@ -174,11 +174,7 @@ def whole(request):
 
 
 @settings(max_examples=MUTATED, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    way=st.sampled_from(sorted(WAYS)),
-    seed=st.integers(0, 2**32 - 1),
-    changes=st.integers(1, 4),
-)
+@given(way=st.sampled_from(sorted(WAYS)), seed=st.integers(0, 2**32 - 1), changes=st.integers(1, 4))
 def test_changed_bytes_are_an_error_of_ours_or_numbers(way, seed, changes, whole, tmp_path):
     content, name = whole()
     rng = np.random.default_rng(seed)

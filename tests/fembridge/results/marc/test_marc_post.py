@@ -26,11 +26,7 @@ NAMES = st.text("abcdefgh XYZ_0189", min_size=1, max_size=24).map(str.strip).fil
 def storages():
     """Draw a way to store numbers."""
     return st.one_of(
-        st.builds(
-            writer.Storage,
-            big_endian=st.booleans(),
-            real_bytes=st.sampled_from((4, 8)),
-        ),
+        st.builds(writer.Storage, big_endian=st.booleans(), real_bytes=st.sampled_from((4, 8))),
         st.builds(writer.Storage, binary=st.just(False), line_end=st.sampled_from(("\n", "\r\n"))),
     )
 

@@ -475,39 +475,33 @@ def test_a_job_that_gave_up_is_distinguished_from_its_status_file(
     assert read(path, [1])[0].stress_pa.size == 4
 
 
-DT_S = 0.0005
-
-
 def stress_mpa(x, y, layer, time_s):
     """Linear in place and jumping from layer to layer."""
     return [time_s * 1e3 * (0.01 * (k + 1) + 0.02 * x - 0.01 * y + 0.5 * layer) for k in range(6)]
 
 
-def test_steps_before_the_stimulus_need_not_have_its_time_step(tmp_path):
-    """Someone's own model: two steps of his to 0.3 s, then the stimulus."""
+def own_run(folder, times_s, increments, start_ms, **more):
+    """A run folder of someone's own model, with an afferent at node 5."""
     plane = models.Plane(11, *models.grid(2, 2))
-    times_s = (0.0, 0.1, 0.3, 0.3005, 0.301, 0.3015)
-    increments = plane.increments(stress_mpa, times_s)
-    (tmp_path / "job.t16").write_bytes(
-        writer.post_bytes(writer.Storage(), plane.model(), increments)
-    )
+    made = plane.increments(stress_mpa, times_s)
+    (folder / "job.t16").write_bytes(writer.post_bytes(writer.Storage(), plane.model(), made))
     place = AfferentNode("SA", 5, "dermis", 1.0, 1.0, 1.0)
-    RunFolder(tmp_path, "marc", 3, 0.5, 300.0, (place,), "0", before_ms=300.0).write()
-    (trace,) = read(tmp_path)
+    RunFolder(folder, "marc", increments, 0.5, start_ms, (place,), "0", **more).write()
+    return folder
+
+
+def test_steps_before_the_stimulus_need_not_have_its_time_step(tmp_path):
+    """Two steps of its owner's to 0.3 s, then the stimulus."""
+    times_s = (0.0, 0.1, 0.3, 0.3005, 0.301, 0.3015)
+    (trace,) = read(own_run(tmp_path, times_s, 3, 300.0, before_ms=300.0))
     exact = [1e6 * models.von_mises(stress_mpa(1, 1, 0, t)) for t in times_s[2:]]
     assert_allclose(trace.stress_pa, exact, rtol=1e-5)
     assert (trace.start_ms, round(trace.dt_ms, 4)) == (0.0, 0.5)
 
 
 def test_someone_s_own_model_may_be_in_another_unit(tmp_path):
-    plane = models.Plane(11, *models.grid(2, 2))
-    increments = plane.increments(stress_mpa, (0.0, DT_S, 2 * DT_S))
-    (tmp_path / "job.t16").write_bytes(
-        writer.post_bytes(writer.Storage(), plane.model(), increments)
-    )
-    place = AfferentNode("SA", 5, "dermis", 1.0, 1.0, 1.0)
-    RunFolder(tmp_path, "marc", 2, 1e3 * DT_S, 0.0, (place,), "0", stress_unit="kPa").write()
-    exact = 1e3 * models.von_mises(stress_mpa(1.0, 1.0, 0, 2 * DT_S))
+    own_run(tmp_path, (0.0, 0.0005, 0.001), 2, 0.0, stress_unit="kPa")
+    exact = 1e3 * models.von_mises(stress_mpa(1.0, 1.0, 0, 0.001))
     assert read(tmp_path)[0].stress_pa[-1] == pytest.approx(exact, rel=1e-5)
     with pytest.raises(UsageError, match="a run folder of fembridge is in kPa, always"):
         read(tmp_path, stress_unit="MPa")
