@@ -99,7 +99,7 @@ def test_a_table_in_the_place_of_a_set_brings_its_source(tmp_path):
     [
         ("# Mine\ndistance_mm\n1\n", 2, "no column amplitude_um"),
         ("# Mine\ndistance_mm,amplitude_um\n1,wide\n", 3, "'wide'"),
-        ("distance_mm,amplitude_um\n# Mine\n1,0\n", 3, ">= 0.01"),
+        ("distance_mm,amplitude_um\n# Mine\n1,0\n", 3, "0.01 or more"),
     ],
 )
 def test_a_wrong_table_of_evidence_is_refused_with_its_line(tmp_path, text, line, shown):
