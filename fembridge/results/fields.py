@@ -1,6 +1,6 @@
 """Whole fields of any result format: a quantity at all nodes, and the mesh they are on."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -122,18 +122,10 @@ class Scene:
     materials: Mapping[int, str]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Frame:
-    """One increment: `time_ms`, or if not `over_time` a mode's value, and values at the points.
-
-    Each of `values` is ``(P,)`` or ``(P, component)``, NaN where there is none; its name
-    carries the unit, as `arrays_of` makes it.
-    """
-
-    time_ms: float
-    scene: Scene
-    values: Mapping[str, FloatArray]
-    over_time: bool = True
+Frames = tuple[Scene, bool, Iterator[tuple[float, Mapping[str, FloatArray]]]]
+"""A mesh, whether it is over time, and of each increment its time in ms, or the value of a mode,
+and what is at the points: ``(P,)`` or ``(P, component)``, NaN where there is none, by names that
+carry the unit, as `arrays_of` makes them."""
 
 
 def write_field(path: Path, field: Field) -> None:

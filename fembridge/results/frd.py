@@ -55,7 +55,7 @@ from fembridge.results.fields import (
 )
 from fembridge.results.history import FREQUENCY, OF_STRESS, TIME, name_in, printed_digit_ms
 from fembridge.results.read_options import ReadOptions
-from fembridge.results.source import FieldSource, check_finite, field_of
+from fembridge.results.source import FieldSource, field_of, not_finite
 from fembridge.results.status import StaRow, read_sta
 from fembridge.results.stress import OneSidedStress, clear_shear
 from fembridge.trace import MS_PER_S
@@ -81,6 +81,13 @@ _STATIC, _DYNAMIC, _FREQUENCY, _BUCKLING = 0, 1, 2, 4
 _MOST_COMPONENTS = 10_000  # announced by a header; what is beyond is no header
 _VALUES_A_LINE, _FIELD, _MARK = 6, 12, 3  # of a record; E12.5; " -1"
 _REALS = {2: "<f4", 3: "<f8"}  # by flag
+# A field that may have an exponent of three digits; two may be followed by the next number, which
+# begins with a digit: 3.067.
+_LONG_FIELD = re.compile(
+    rb" *[+-]?(?:\d\.\d{5}[Ee][+-](?:\d{3}(?!\.)|\d{2})"
+    rb"|1\.#[A-Za-z]+|[Nn][Aa][Nn]|[Ii][Nn][Ff](?:inity)?)"
+)
+_LONG_FIELDS = re.compile(rb"(?:%s)+ *" % _LONG_FIELD.pattern)
 _NO_LINE_END = bytes.maketrans(b"\r\0", b"  ")
 _SEEK_BYTES = 1 << 16  # records within so few bytes are read in one go
 _FEW_NODES = 64  # whose elements are sought before they are converted
@@ -240,12 +247,13 @@ class FrdIndex:
         # Text, name, components and line end of -4 and -5 lines, by the -4 line: every
         # increment repeats them.
         self._names: dict[bytes, tuple[bytes, str, tuple[str, ...], int]] = {}
-        at = 0
+        self._at = 0  # where what is being read begins
         try:
-            while not self.ended and at < file.size:
-                at = self._next(at)
+            while not self.ended and self._at < file.size:
+                self._at = self._next(self._at)
         except (FrdDamageError, ValueError) as error:
-            harm = error if isinstance(error, FrdDamageError) else FrdDamageError(str(error), at)
+            harm = FrdDamageError(str(error), self._at)
+            harm = error if isinstance(error, FrdDamageError) else harm
             if harm.block is None and self._key is not None:
                 harm.key = self._key
                 harm.problem = "header of step {}, increment {}: ".format(*self._key) + harm.problem
@@ -324,17 +332,17 @@ class FrdIndex:
         if start.startswith(_END_LINE):
             self.ended = True
             if rest := start[len(_END_LINE) :].strip():
-                raise FrdDamageError(f"bytes after the end line: {rest[:12]!r}", at)
+                raise ValueError(f"bytes after the end line: {rest[:12]!r}")
             return file.size
         line, after = self._line(at)
         if not line:  # some builds leave one behind the materials
             return after
         if line.startswith(b"  100C"):
-            return self._block(line, at, after)
+            return self._block(line, after)
         if line.startswith((b"    2C", b"    3C")):
-            return self._mesh(line, at, after)
+            return self._mesh(line, after)
         if not line.startswith(b"    1"):
-            raise FrdDamageError(f"{line[:24]!r} where a block should begin", at)
+            raise ValueError(f"{line[:24]!r} where a block should begin")
         if line.startswith(_STEP):
             self._key = self._mode = None
             if iterations := _STEP_OF_ITERATIONS.match(line, 24):
@@ -360,57 +368,56 @@ class FrdIndex:
             self.materials.setdefault(int(line[9:14]), line[14:].decode("latin-1").strip())
         return after
 
-    def _mesh(self, line: bytes, at: int, after: int) -> int:
+    def _mesh(self, line: bytes, after: int) -> int:
         """Note the node or element block of a line and find its end."""
         kind = "node" if line.startswith(b"    2C") else "element"
         text = line[73:75].strip() in (b"0", b"1")
         blank = text and not line[24:36].strip()
         announced, flag = (-1, int(line[73:75])) if blank else _counts(line, (24, 36), (73, 75))
         if not text and (flag > 3 or after + 16 * announced > self.size):
-            raise FrdDamageError(f"{kind} block: cut: {announced} {kind}s announced", at)
+            raise ValueError(f"{kind} block: cut: {announced} {kind}s announced")
         if kind == "element":
-            return self._elements(announced, flag, at, after)
-        form = _form("node block", ("x", "y", "z"), flag, after - at - len(line))
+            return self._elements(announced, flag, after)
+        form = _form("node block", ("x", "y", "z"), flag, after - self._at - len(line))
         block = FrdBlock(
             "node block", (0, 0), TIME, 0.0, form.components, form.units, announced, form, after
         )
         if text:
             block, end, problem = self._text_end(block)
             if problem:  # the mesh cannot be used, what follows can
-                self.damage.append(FrdDamageError(problem, at))
+                self.damage.append(FrdDamageError(problem, self._at))
                 return end
         elif not self._boundary(end := block.end):
-            raise FrdDamageError("node block: its count does not lead to its end", at)
+            raise ValueError("node block: its count does not lead to its end")
         self.nodes = block
         return end
 
-    def _elements(self, announced: int, flag: int, at: int, after: int) -> int:
+    def _elements(self, announced: int, flag: int, after: int) -> int:
+        """Note the element block whose records begin at `after`; where the next block begins."""
         file, block, present = self.file, "element block", announced
         if flag < 2:
             closed = file.find(b"\n -3", after - 1)
             last = None if closed is None else file.line(closed + 1)
             if closed is None or last is None:
-                raise FrdDamageError(f"{block}: cut: its end line -3 is missing", at)
+                raise ValueError(f"{block}: cut: its end line -3 is missing")
             present, end = file.count(b"\n -1", after - 1, closed), last[1]
-            layers = present // announced if announced > 0 else 0
-            if announced not in (-1, present) and present != layers * announced:
+            odd = not announced or present < announced or present % announced
+            if announced not in (-1, present) and odd:
                 words = f"{block}: {announced} records announced, {present} present"
-                self.damage.append(FrdDamageError(words, at))
+                self.damage.append(FrdDamageError(words, self._at))
                 return end
         else:
+            astray = f"{block}: its count does not lead to its end"
+            end, present = after, 0
             try:
-                end, present = after, 0
-                while True:
+                while announced and not (present and self._boundary(end)):  # a layer of composites
                     ends = (behind for _, behind in packed_elements(file, end, announced))
                     end = max([end, *ends])
                     present += announced
-                    if not announced or self._boundary(end):
-                        break  # else one more layer of composites
             except ResultError as error:
-                words = f"{block}: its count does not lead to its end"
-                raise FrdDamageError(words if present > announced else error.problem, at) from error
+                raise ValueError(astray if present > announced else error.problem) from error
             if not self._boundary(end):
-                raise FrdDamageError(f"{block}: its count does not lead to its end", at)
+                raise ValueError(astray)
         if present > announced > 0:
             self.remarks.append(
                 f"{block} announces {announced} elements and holds {present // announced} times "
@@ -419,10 +426,10 @@ class FrdIndex:
         self.elements = ElementBlock(present, flag, after, end)
         return end
 
-    def _block(self, line: bytes, at: int, after: int) -> int:
+    def _block(self, line: bytes, after: int) -> int:
         """Note the result block of a ``100CL`` line and find its end."""
         if self._key is None:
-            raise FrdDamageError("100CL without a 1PSTEP line that gives step and increment", at)
+            raise ValueError("100CL without a 1PSTEP line that gives step and increment")
         step, increment = self._key
         text, word = line[12:24].strip(), line[56:58].strip()
         if not _TIME.fullmatch(text):
@@ -621,30 +628,22 @@ def irregular_records(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatA
     """
     found = file.find(b"\n -3", block.offset - 1)
     text = file.take(block.offset, (file.size if found is None else found + 1) - block.offset)
-    # Two digits may be followed by the next number, which begins with a digit: 3.067.
-    number_field = (
-        rb"(?: *[+-]?\d\.\d{5}[Ee][+-](?:\d{3}(?!\.)|\d{2})"
-        rb"| *[+-]?(?:1\.#[A-Za-z]+|[Nn][Aa][Nn]|[Ii][Nn][Ff](?:inity)?))"
-    )
-    width, count, record = block.form.id_width, len(block.form.stored), b""
-    for first in range(0, count, _VALUES_A_LINE):
-        record += b" -2" + b" " * width if first else b" -1([ 0-9]{%d})" % width
-        record += number_field + b"{%d} *\r?\n" % min(_VALUES_A_LINE, count - first)
-    nodes, fields, place = [], list[bytes](), 0
-    for match in re.finditer(record, text):
-        if match.start() != place or not match[1].strip().isdigit():
-            break
-        nodes.append(int(match[1]))
-        fields += re.findall(number_field, match[0][_MARK + width :])
-        place = match.end()
-    if place != len(text) or len(nodes) != block.records:
-        raise ResultError(
-            f"{block}: record {len(nodes) + 1} of {block.records} begins with "
-            f"{text[place : place + 24]!r}",
-            file.path,
-        )
-    values = np.array([_number(one) for one in fields], dtype=np.float64)
-    return np.array(nodes, dtype=np.int64), values.reshape(-1, count)
+    head, nodes, values = block.form.head_bytes, list[int](), list[list[float]]()
+    for line in text.splitlines():
+        mark, front, rest = line[:_MARK], line[_MARK:head].strip(), line[head:]
+        if mark == b" -1" and front.isdigit():
+            nodes.append(int(front))
+            values.append([])
+            mark, front = b" -2", b""
+        if (mark, front) != (b" -2", b"") or not nodes or not _LONG_FIELDS.fullmatch(rest):
+            words = f"record {len(nodes)} of {block.records} has {line[:24]!r}"
+            raise ResultError(f"{block}: {words}", file.path)
+        values[-1] += map(_number, _LONG_FIELD.findall(rest))
+    counts = {len(row) for row in values}
+    if len(nodes) != block.records or counts != {len(block.form.stored)}:
+        words = f"{len(nodes)} of {block.records} records, of {counts} values"
+        raise ResultError(f"{block}: {words}", file.path)
+    return np.array(nodes, dtype=np.int64), np.array(values)
 
 
 def _floats(fields: Characters) -> FloatArray:
@@ -1208,7 +1207,8 @@ class FrdSource(FieldSource[FrdBlock]):
         if block is None or not block.records:
             raise ResultError("no node block, so no coordinates", path)
         nodes, points_mm = block_table(self.file, block)
-        check_finite(block, nodes, points_mm, path)
+        if not np.isfinite(points_mm).all():
+            raise not_finite(block, nodes, points_mm, path)
         return nodes, points_mm * self.options.length_mm
 
     def _drawn(self, outputs: Outputs, scene: Scene) -> Scene:

@@ -39,7 +39,7 @@ from fembridge.results.history import (
 )
 from fembridge.results.marc_post import PostCode, PostFile, PostIncrement
 from fembridge.results.read_options import ReadOptions
-from fembridge.results.source import FieldSource, check_finite, field_of, names_in
+from fembridge.results.source import FieldSource, field_of, names_in, not_finite
 from fembridge.results.status import read_sts
 from fembridge.results.stress import TENSOR, OneSidedStress, von_mises_pa
 from fembridge.trace import MS_PER_S
@@ -365,7 +365,8 @@ class MarcSource(FieldSource[MarcBlock]):
         points = self._around([node])
         found = np.array([self._carried(one, points) for one in blocks])
         for one, values in zip(blocks, found, strict=True):
-            check_finite(one, points.nodes, values, self.path)
+            if not np.isfinite(values).all():
+                raise not_finite(one, points.nodes, values, self.path)
         times_ms = np.array([one.at for one in blocks])
         return tuple(
             OneSidedStress(node, layer, points.layers.names[layer], elements, times_ms, found[:, k])

@@ -178,17 +178,30 @@ class PostFile:
     """An open ``.t16`` or ``.t19``.
 
     `kind` is "t16" or "t19", `byte_order` "little" or "big" ("little" for text),
-    `precision` "single" or "double". `points` is NSTRES, integration points an element.
-    `problem` says where the file is cut or damaged, or which values of it are left out;
-    None when it is whole.
+    `precision` "single" or "double". `problem` says where the file is cut or damaged, or which
+    values of it are left out; None when it is whole. Of the model it has title, revision and
+    counts (Marc's names beside them), and where its tables are.
     """
+
+    title = ""
+    revision = 0  # POSTRV
+    values = 0  # INUM, at each point
+    nodes = 0  # LNUM
+    elements = 0  # MNUM
+    points = 0  # NSTRES, of each element
+    dimensions = 0  # NCRD, coordinates of a node
+    corners = 0  # NNODMX, nodes of an element
+    connectivity: "_Numbers | None" = None
+    node_ids: "_Numbers | None" = None
+    coordinates: "_Numbers | None" = None
 
     def __init__(self, file: ByteFile) -> None:
         self._file, self.path = file, file.path
         self.remarks: list[str] = []
         self.problem: str | None = None
         self.increments: list[PostIncrement] = []
-        self._model = _Model()
+        self.codes: tuple[PostCode, ...] = ()
+        self.sets: list[tuple[str, int, _Numbers | None]] = []
         self._template: _Template | None = None
         self._of, self._where = "of the model", "at the beginning"
         self._numbers: dict[str, str] = {}  # of blocks, by their names
@@ -197,26 +210,55 @@ class PostFile:
         self._walk()
         self.kind, self.byte_order = self._records.kind, self._records.byte_order
         self.precision = "double" if self._records.real_bytes == 8 else "single"
-        self.title, self.revision = self._model.title, self._model.revision
-        self.codes, self.points = tuple(self._model.codes), self._model.points
 
     @cached_property
     def mesh(self) -> PostMesh:
         """The model, read when it is first asked for; ResultError where it cannot be."""
-        return _read_mesh(self._file, self._model)
+        ids = self.node_ids
+        if self.nodes and ids is None:
+            raise ResultError(f"{self.nodes} nodes and no block of them", self.path)
+        nothing = np.empty(0, dtype=np.int64)
+        table = np.empty((0, 3), dtype=np.int64)
+        if self.connectivity is not None:
+            table = self.connectivity.values(self._file)
+        mm = np.zeros((self.nodes, 3))
+        if self.coordinates is not None:
+            found = self.coordinates.values(self._file)[:, :3]
+            mm[:, : found.shape[1]] = found
+        corners, used = table[:, 3 : 3 + self.corners].copy(), table[:, 2]
+        if used.size and (used.min() < 0 or used.max() > self.corners):
+            bad = int(np.flatnonzero((used < 0) | (used > self.corners))[0])
+            words = f"element {table[bad, 0]} announces {used[bad]} nodes, the model has up to"
+            raise ResultError(f"{words} {self.corners}", self.path)
+        corners[np.arange(corners.shape[1]) >= used[:, None]] = 0
+        sets = []
+        for name, number, members in self.sets:
+            kind = _SET_KINDS.get(number, f"type {number}")
+            sets.append(
+                PostSet(name, kind, nothing if members is None else members.values(self._file)[0])
+            )
+        return PostMesh(
+            node_ids=nothing if ids is None else ids.values(self._file)[:, 0],
+            coordinates_mm=mm,
+            element_ids=table[:, 0].copy(),
+            element_types=table[:, 1].copy(),
+            connectivity=corners,
+            extras=table[:, 3 + self.corners :].copy(),
+            sets=tuple(sets),
+        )
 
     def element_values(self, row: int, element_rows: IntArray) -> FloatArray:
         """Values of increment `row`, which has some, at all points of elements.
 
         ``(K, points, codes)``; `element_rows` count elements as the mesh has them.
         """
-        one, model = self.increments[row], self._model
+        one = self.increments[row]
         numbers = one.layout.element_values
         assert numbers is not None
         elements = np.asarray(element_rows, dtype=np.int64)
-        records = (elements[:, None] * model.points + np.arange(model.points)).ravel()
+        records = (elements[:, None] * self.points + np.arange(self.points)).ravel()
         found: FloatArray = numbers.values(self._file, records, one.offset)
-        return found.reshape(elements.size, model.points, model.values)
+        return found.reshape(elements.size, self.points, self.values)
 
     def nodal_values(self, row: int, name: str) -> FloatArray:
         """A nodal quantity of increment `row` at all nodes, ``(N, components)``.
@@ -226,7 +268,7 @@ class PostFile:
         one = self.increments[row]
         quantity, numbers = next(held for held in one.layout.nodal if held[0].name == name)
         if numbers is None:
-            return np.zeros((self._model.nodes, quantity.components))
+            return np.zeros((self.nodes, quantity.components))
         found: FloatArray = numbers.values(self._file, offset=one.offset)
         return found
 
@@ -234,15 +276,13 @@ class PostFile:
         """Go to the end, or as far as the file can be understood."""
         records = self._records
         try:
-            self._blocks(_MODEL, self._model)
+            self._blocks(_MODEL, self)
             if records.word() not in (INCREMENT, FILE_END):
                 raise self._unexpected(f"{BEGIN} or {INCREMENT}")
         except PostDamageError as damage:
             raise ResultError(f"no whole model: {self._located(damage)}", self.path) from damage
-        if self._model.domain:
-            self.remarks.append(self._model.domain)
-        if self._model.revision not in _SEEN_REVISIONS:
-            words = f"post revision {self._model.revision}: real files of 12 and 14 were seen"
+        if self.revision not in _SEEN_REVISIONS:
+            words = f"post revision {self.revision}: real files of 12 and 14 were seen"
             self.remarks.append(words)
         self._where = "before the first increment"
         try:
@@ -269,7 +309,7 @@ class PostFile:
 
     def _increment(self) -> None:
         records = self._records
-        layout = _Layout(records.at, self._model)
+        layout = _Layout(records.at, self)
         records.free.clear()
         self._where = self._of = f"of the increment that begins at byte {layout.start}"
         records.skip_word()
@@ -297,7 +337,7 @@ class PostFile:
         one = (len(self.increments), number, sub, reals[0], harmonic, reals[1], layout, offset)
         self.increments.append(PostIncrement(*one))
 
-    def _blocks(self, readers: Mapping[int, "_ReadBlock"], target: "_Model | _Layout") -> None:
+    def _blocks(self, readers: Mapping[int, "_ReadBlock"], target: "PostFile | _Layout") -> None:
         """Read the blocks that follow into `target`; skip those that `readers` lack."""
         records = self._records
         while (word := records.word()).startswith(BEGIN):
@@ -321,11 +361,11 @@ class PostFile:
             records.skip_block()
             records.skip_word()
 
-    def _read(self, base: int, read: "_ReadBlock", target: "_Model | _Layout") -> None:
+    def _read(self, base: int, read: "_ReadBlock", target: "PostFile | _Layout") -> None:
         """Read a block; one that can be left out and is not built as known is, and said."""
         records = self._records
         start, kept = records.at, len(records.free)
-        also = "" if target is self._model else ", also in increments built in the same way"
+        also = "" if target is self else ", also in increments built in the same way"
         said = self._lost if base in _VALUES else self.remarks
         try:
             read(records, target)
@@ -773,73 +813,56 @@ def _integer(text: bytes, at: int) -> int:
 # --- The model: blocks 50100 to 51302
 
 
-@dataclass(slots=True, eq=False)
-class _Model:
-    """Title and counts of a model (Marc's names beside them) and where its tables are."""
-
-    title: str = ""
-    domain: str = ""
-    values: int = 0  # INUM, at each point
-    nodes: int = 0  # LNUM
-    elements: int = 0  # MNUM
-    points: int = 0  # NSTRES, of each element
-    dimensions: int = 0  # NCRD, coordinates of a node
-    corners: int = 0  # NNODMX, nodes of an element
-    revision: int = 0  # POSTRV
-    codes: list[PostCode] = field(default_factory=list)
-    connectivity: _Numbers | None = None
-    node_ids: _Numbers | None = None
-    coordinates: _Numbers | None = None
-    sets: list[tuple[str, int, _Numbers | None]] = field(default_factory=list)
-
-
 _ReadBlock = Callable[[_Records, Any], None]
 """Puts what a block holds into the model, or the layout of an increment."""
 
 
-def _title(records: _Records, model: _Model) -> None:
-    model.title = records.text()
+def _title(records: _Records, post: PostFile) -> None:
+    post.title = records.text()
 
 
-def _domains(records: _Records, model: _Model) -> None:
+def _domains(records: _Records, post: PostFile) -> None:
     domains, number = records.integers(2)
     if domains > 1:
-        model.domain = f"part {number} of a model that was solved in {domains} domains"
+        words = f"part {number} of a model that was solved in {domains} domains"
+        post.remarks.append(words)
 
 
-def _verification(records: _Records, model: _Model) -> None:
+def _verification(records: _Records, post: PostFile) -> None:
     words = records.integers(*_VERIFICATION_WORDS)
     for place, name in _COUNTED.items():
         if not 0 <= words[place] <= records.file.size:
             raise PostDamageError(f"a model of {words[place]} {name}", records.at)
-    model.values, model.nodes, model.elements, _, model.points = words[:5]
-    model.dimensions, model.corners, model.revision = words[8], words[9], words[13]
+    post.values, post.nodes, post.elements, _, post.points = words[:5]
+    post.dimensions, post.corners, post.revision = words[8], words[9], words[13]
 
 
-def _codes(records: _Records, model: _Model) -> None:
+def _codes(records: _Records, post: PostFile) -> None:
     """Post codes; Marc's Volume C has one of layer n as the code + 1000 n."""
-    for _ in range(model.values):
+    codes = []
+    for _ in range(post.values):
         numbers, label = records.label()
         code, layer = numbers[0], sum(numbers[1:])
         if layer == 0 and code >= _CODES_OF_A_LAYER:
             layer, code = divmod(code, _CODES_OF_A_LAYER)
-        model.codes.append(PostCode(code, layer, label))
+        codes.append(PostCode(code, layer, label))
+    post.codes = tuple(codes)
 
 
-def _connectivity(records: _Records, model: _Model) -> None:
+def _connectivity(records: _Records, post: PostFile) -> None:
     extras = 0
     if records.revision >= 2:
-        _, model.corners, extras = _counts(records, 3)
-    model.connectivity, _ = records.table(model.elements, 3 + model.corners + extras, 0)
-    _check_end(records, f"{model.elements} elements")
+        _, post.corners, extras = _counts(records, 3)
+    post.connectivity, _ = records.table(post.elements, 3 + post.corners + extras, 0)
+    _check_end(records, f"{post.elements} elements")
 
 
-def _coordinates(records: _Records, model: _Model) -> None:
-    model.node_ids, model.coordinates = records.table(model.nodes, 1, model.dimensions)
-    _check_end(records, f"{model.nodes} nodes")
+def _coordinates(records: _Records, post: PostFile) -> None:
+    post.node_ids, post.coordinates = records.table(post.nodes, 1, post.dimensions)
+    _check_end(records, f"{post.nodes} nodes")
 
 
-def _sets(records: _Records, model: _Model) -> None:
+def _sets(records: _Records, post: PostFile) -> None:
     (count,) = _counts(records, 1)
     sets: list[tuple[str, int, _Numbers | None]] = []
     while len(sets) < count:
@@ -853,7 +876,7 @@ def _sets(records: _Records, model: _Model) -> None:
         if kind in _WITH_SIDES:
             records.table(1, size, 0)
         sets.append((name, kind, members))
-    model.sets = sets
+    post.sets = sets
 
 
 def _counts(records: _Records, number: int) -> list[int]:
@@ -876,40 +899,6 @@ _MODEL: dict[int, _ReadBlock] = {
 }  # fmt: skip
 
 
-def _read_mesh(file: ByteFile, model: _Model) -> PostMesh:
-    ids = model.node_ids
-    if model.nodes and ids is None:
-        raise ResultError(f"{model.nodes} nodes and no block of them", file.path)
-
-    nothing = np.empty(0, dtype=np.int64)
-    table = np.empty((0, 3), dtype=np.int64)
-    if model.connectivity is not None:
-        table = model.connectivity.values(file)
-    mm = np.zeros((model.nodes, 3))
-    if model.coordinates is not None:
-        found = model.coordinates.values(file)[:, :3]
-        mm[:, : found.shape[1]] = found
-    corners, used = table[:, 3 : 3 + model.corners].copy(), table[:, 2]
-    if used.size and (used.min() < 0 or used.max() > model.corners):
-        bad = int(np.flatnonzero((used < 0) | (used > model.corners))[0])
-        words = f"element {table[bad, 0]} announces {used[bad]} nodes, the model has up to"
-        raise ResultError(f"{words} {model.corners}", file.path)
-    corners[np.arange(corners.shape[1]) >= used[:, None]] = 0
-    sets = []
-    for name, number, members in model.sets:
-        kind = _SET_KINDS.get(number, f"type {number}")
-        sets.append(PostSet(name, kind, nothing if members is None else members.values(file)[0]))
-    return PostMesh(
-        node_ids=nothing if ids is None else ids.values(file)[:, 0],
-        coordinates_mm=mm,
-        element_ids=table[:, 0].copy(),
-        element_types=table[:, 1].copy(),
-        connectivity=corners,
-        extras=table[:, 3 + model.corners :].copy(),
-        sets=tuple(sets),
-    )
-
-
 # --- An increment: blocks 51700 to 52401
 
 
@@ -923,7 +912,7 @@ class _Layout:
     """
 
     start: int
-    model: _Model
+    post: PostFile
     integers: _Numbers | None = None
     reals: _Numbers | None = None
     element_values: _Numbers | None = None
@@ -941,9 +930,9 @@ def _reals(records: _Records, layout: _Layout) -> None:
 
 
 def _element_values(records: _Records, layout: _Layout) -> None:
-    model = layout.model
-    _, values = records.table(model.elements * model.points, 0, model.values)
-    _check_end(records, f"{model.elements} elements of {model.points} points")
+    post = layout.post
+    _, values = records.table(post.elements * post.points, 0, post.values)
+    _check_end(records, f"{post.elements} elements of {post.points} points")
     layout.element_values = values
 
 
@@ -958,9 +947,9 @@ def _nodal(records: _Records, layout: _Layout) -> None:
         records.check(known, f"{name!r} of {components} components with flag {flag}", at)
         place = None
         if flag == _ALL_NODES:
-            place = records.flow(layout.model.nodes, components)
+            place = records.flow(layout.post.nodes, components)
             if is_complex:
-                records.flow(layout.model.nodes, components)
+                records.flow(layout.post.nodes, components)
         held = place is not None
         found.append((NodalQuantity(name, words[0], components, held, is_complex), place))
     layout.nodal = found

@@ -20,7 +20,7 @@ from fembridge.results.byte_file import ByteFile
 from fembridge.results.fields import (
     Block,
     Field,
-    Frame,
+    Frames,
     Scene,
     arrays_of,
     derived_of,
@@ -138,7 +138,7 @@ class Source(AbstractContextManager["Source"]):
 
     def frames(
         self, quantities: Sequence[str] | None, derived: Sequence[str], modes: bool = False
-    ) -> Iterator[Frame]:
+    ) -> Frames:
         """Increments, or `modes`, one by one, never both; the file is looked through at once."""
         self._refuse_fields()
 
@@ -239,14 +239,10 @@ class FieldSource(Source, Generic[_Block]):
         else:
             numbers = np.array([int(node) for node in nodes], dtype=np.int64)
             values = self.at_nodes(blocks, numbers.tolist())
-            kept = []
-            for row, block in enumerate(blocks):
-                try:
-                    check_finite(block, numbers, values[row], self.path)
-                    kept.append(row)
-                except NotFiniteError as error:
-                    self.drop(block, error)
-            blocks, values = [blocks[row] for row in kept], values[kept]
+            whole = np.isfinite(values).all(axis=(1, 2))
+            for row in np.flatnonzero(~whole).tolist():
+                self.drop(blocks[row], not_finite(blocks[row], numbers, values[row], self.path))
+            blocks, values = [blocks[row] for row in np.flatnonzero(whole)], values[whole]
         self.check_unchanged()
         if not blocks:
             raise ResultError("no whole, converged increment is left", self.path)
@@ -322,7 +318,7 @@ class FieldSource(Source, Generic[_Block]):
 
     def frames(
         self, quantities: Sequence[str] | None, derived: Sequence[str], modes: bool = False
-    ) -> Iterator[Frame]:
+    ) -> Frames:
         """Increments, or `modes`, one by one; the file is looked through at once."""
         outputs, names = self.outputs(), None
         if quantities is not None:
@@ -333,15 +329,11 @@ class FieldSource(Source, Generic[_Block]):
         drawn, scene = self.scene(
             [one for one, of in zip(outputs, axes, strict=True) if of == axis]
         )
-        return self._frames(drawn, axis, scene, derived)
+        return scene, axis == TIME, self._at_points(drawn, scene, derived)
 
-    def _frames(
-        self,
-        outputs: Sequence[dict[str, _Block]],
-        axis: str,
-        scene: Scene,
-        derived: Sequence[str],
-    ) -> Iterator[Frame]:
+    def _at_points(
+        self, outputs: Sequence[dict[str, _Block]], scene: Scene, derived: Sequence[str]
+    ) -> Iterator[tuple[float, dict[str, FloatArray]]]:
         for output in outputs:
             fields: dict[str, Field] = {}
             rows: dict[str, IntArray] = {}
@@ -352,7 +344,7 @@ class FieldSource(Source, Generic[_Block]):
                     self.options.note(f"left out: {block}: {error.problem}")
             if fields:
                 at = next(iter(output.values())).at
-                yield Frame(at, scene, _at_points(fields, rows, derived, scene), axis == TIME)
+                yield at, _at_points(fields, rows, derived, scene)
 
     def quantity_table(
         self, name: str, blocks: Sequence[_Block], nodes: IntArray, storage: str
@@ -380,20 +372,19 @@ class FieldSource(Source, Generic[_Block]):
 
 def field_of(block: Block, nodes: IntArray, values: FloatArray, path: Path) -> Field:
     """The field of `block`; a value that is not finite is a `NotFiniteError`."""
-    check_finite(block, nodes, values, path)
+    if not np.isfinite(values).all():
+        raise not_finite(block, nodes, values, path)
     time_ms = block.at if block.axis == TIME else float("nan")
     of = (block.name, *block.key, time_ms, block.components, block.units, nodes, values)
     return Field(*of, axis=block.axis, axis_value=block.value)
 
 
-def check_finite(block: Block, nodes: IntArray, values: FloatArray, path: Path) -> None:
-    """Refuse `values` ``(node, component)`` of a block that are not finite."""
-    if np.isfinite(values).all():
-        return
+def not_finite(block: Block, nodes: IntArray, values: FloatArray, path: Path) -> NotFiniteError:
+    """The error of the first of `values` ``(node, component)`` that is not finite."""
     row, column = np.argwhere(~np.isfinite(values))[0].tolist()
     when = f"{block.at:g} ms" if block.axis == TIME else f"{block.axis} {block.value:g}"
     words = f"node {nodes[row]} at {when}: {block.name} {block.components[column]} is "
-    raise NotFiniteError(f"{words}{values[row, column]}", path)
+    return NotFiniteError(f"{words}{values[row, column]}", path)
 
 
 def names_in(outputs: Sequence[Mapping[str, Block]]) -> list[str]:

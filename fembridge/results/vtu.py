@@ -106,23 +106,22 @@ def write_frames(
     if unknown:
         raise UsageError(f"no quantity {unknown[0]!r}; there are {', '.join(DERIVED)}")
     path = source.path
-    frames = source.frames(quantities, tuple(derived), modes)
+    scene, over_time, frames = source.frames(quantities, tuple(derived), modes)
+    if not scene.cells:
+        raise ResultError("no element of a kind that VTU has", path)
+    shape = _Shape(scene)
     series = f"{path.stem}.pvd"
     entries: list[tuple[float, str]] = []
-    shape: _Shape | None = None
     seen: set[str] = set()
     with filling(folder, series) as draft:
-        for frame in frames:
+        for time, values in frames:
             name = f"{path.stem}.{len(entries) + 1:04d}.vtu"
-            if not frame.scene.cells:
-                raise ResultError("no element of a kind that VTU has", path)
-            shape = shape or _Shape(frame.scene)  # one mesh, all increments
-            shape.write(draft / name, frame.values)
-            entries.append((frame.time_ms, name))
-            seen |= frame.values.keys()
+            shape.write(draft / name, values)
+            entries.append((time, name))
+            seen |= values.keys()
         if not entries:
             raise ResultError("no increment with a value is left", path)
-        (draft / series).write_text(_pvd(entries, frame.over_time), encoding="utf-8", newline="\n")
+        (draft / series).write_text(_pvd(entries, over_time), encoding="utf-8", newline="\n")
     for name in derived:
         if f"{name}_pa" not in seen and (quantities is None or name != "von_mises"):
             takes = " and ".join(DERIVED[name][0])
