@@ -6,13 +6,15 @@ count.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fembridge.errors import UsageError
+from decks.stimuli import resolve
+from fembridge.errors import StimulusError, UsageError
 from fembridge.response.response_map import reading_energy
 from fembridge.results import read
 from fembridge.run_folder import RUN_FILE
@@ -27,6 +29,7 @@ from fembridge.simulation import (
 )
 from fembridge.tables import SpikeTrain, read_traces
 from fembridge.trace import Origin, StressTrace, Traces, doubt_of_step, resample
+from fembridge.typing import FloatArray
 from neural import Parameters, ParameterSet, parameter_set
 
 if TYPE_CHECKING:
@@ -41,7 +44,7 @@ _SAME_STEP = 1.0e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Encoded:
-    """Spike `trains` of `traces`, a train a cell, by `parameters`.
+    """Spikes of `traces` by `parameters`: `cells_ms` has the times of each cell of each trace.
 
     `source` is what was read, `traces` are those of it that were encoded, with class, stimulus
     and the step of the parameters. `doubt` says what may be wrong with the stress; None: nothing.
@@ -50,8 +53,32 @@ class Encoded:
     source: Traces
     traces: list[StressTrace]
     parameters: ParameterSet
-    trains: list[SpikeTrain]
+    cells_ms: list[list[FloatArray]]
     doubt: str | None
+
+    @property
+    def trains(self) -> list[SpikeTrain]:
+        """A train a cell, trace after trace."""
+        return [
+            train
+            for trace, cells_ms in zip(self.traces, self.cells_ms, strict=True)
+            for train in trains_of(trace.stimulus, str(trace.afferent), cells_ms, trace.unit)
+        ]
+
+    def windows_ms(
+        self, asked: tuple[float, float] | None = None, stimulus: str | None = None
+    ) -> list[tuple[float, float]]:
+        """Where spikes of each trace count: as `asked`, else as its run or `stimulus` has it.
+
+        Of a trace of no known run that is named after a stimulus of the catalogue, its own;
+        else all of it.
+
+        Raises
+        ------
+        UsageError
+            A window that a trace does not cover.
+        """
+        return [_window(trace, asked, stimulus, self.source) for trace in self.traces]
 
 
 def encode(
@@ -83,12 +110,9 @@ def encode(
         found = read_traces(source, log, columns=columns, gain_pa=gain_pa, resample_ms=resample_ms)
     chosen = _parameters_for(found, parameters, note)
     traces = _ready(found, chosen.parameters, stimulus, unnamed, afferents, log)
-    trains = [
-        train
-        for trace, cells in zip(traces, fired(traces, chosen.parameters, derivative), strict=True)
-        for train in trains_of(trace.stimulus, str(trace.afferent), cells, trace.unit)
-    ]
-    return Encoded(found, traces, chosen, trains, _doubt(found, traces, trains))
+    cells_ms = fired(traces, chosen.parameters, derivative)
+    fires = any(times_ms.size for cells in cells_ms for times_ms in cells)
+    return Encoded(found, traces, chosen, cells_ms, _doubt(found, traces, fires))
 
 
 def read_stress(
@@ -221,16 +245,36 @@ def _ready(
     return found
 
 
-def _doubt(
-    found: Traces, traces: Sequence[StressTrace], trains: Sequence[SpikeTrain]
-) -> str | None:
+def _window(
+    trace: StressTrace, asked: tuple[float, float] | None, stimulus: str | None, found: Traces
+) -> tuple[float, float]:
+    first, last = float(trace.times_ms[0]), float(trace.times_ms[-1])
+    slack = 1e-3 * trace.dt_ms
+    of_run = found.windows_ms.get(trace.stimulus)
+    if of_run is None and found.origin is not None:  # by another name
+        of_run = found.origin.window_ms
+    elif of_run is None and stimulus is not None:
+        with suppress(StimulusError, ValueError):
+            [entry] = resolve(stimulus)
+            of_run = entry.window_ms if entry.window_ms[1] <= last + slack else None
+    start, end = asked or of_run or (first, last)
+    # The first sample may be one increment after the start of the stimulus.
+    if not (first - trace.dt_ms - slack <= start < end <= last + slack):
+        raise UsageError(
+            f"window {start:g} to {end:g} ms, expected start < end inside "
+            f"{first:g} to {last:g} ms, the {trace.afferent} trace"
+        )
+    return start, end
+
+
+def _doubt(found: Traces, traces: Sequence[StressTrace], fires: bool) -> str | None:
     """What may be wrong where stress is unlike that of skin, or nothing fires; None: no doubt."""
     peaks_pa = [float(np.abs(trace.stress_pa).max()) for trace in traces]
     shares = [p / _TYPICAL_PA[str(t.afferent)] for p, t in zip(peaks_pa, traces, strict=True)]
     strongest = int(np.argmax(shares))
     trace, share = traces[strongest], shares[strongest]
     near = 1 / _FAR < share < _FAR
-    if near and any(train.times_ms.size for train in trains):
+    if near and fires:
         return None
     if not share:
         return "no spikes: all stress is 0"

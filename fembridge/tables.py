@@ -440,9 +440,13 @@ def with_unit(columns: Sequence[str], unit: bool) -> tuple[str, ...]:
 
 def read_rates(path: Path) -> list[Rate]:
     """Rates of a table in its order, to the last digit."""
+    return rates_of(read_table(path, RATE_COLUMNS))
+
+
+def rates_of(table: "TextTable") -> list[Rate]:
+    """The same of a table that was read."""
     import pandas as pd
 
-    table = read_table(path, RATE_COLUMNS)
     stimuli, afferents = table.words("stimulus"), table.choices("afferent", AFFERENTS)
     rates_ips = table.numbers("rate_ips", least=0).tolist()
     units = table.column("unit") if "unit" in table.header else [""] * len(rates_ips)

@@ -19,7 +19,6 @@ written, numbered by repeat, and the rate is their mean.
 """
 
 import argparse
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,7 +39,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from fembridge.tables import SpikeTrain
-    from fembridge.trace import StressTrace, Traces
 
 # Up to so many units have a row each in the raster.
 _MOST_ROWS = 60
@@ -95,6 +93,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.encoding import encode
     from fembridge.recording import FORMATS, Recording, require_libraries
     from fembridge.tables import Rate, write_rates, write_spikes
+    from neural import mean_rate_ips
+    from neural.rates import spikes_inside
 
     require_libraries(args.export)
     named: dict[str, list[str]] = {}
@@ -110,8 +110,21 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         note=notes.append,
     )
     found, traces, trains = encoded.source, encoded.traces, encoded.trains
-    windows_ms = [_window(trace, args, found) for trace in traces]
-    rows = _rows(traces, trains, windows_ms)
+    windows_ms = encoded.windows_ms(args.window_ms, args.stimulus)
+    rows: list[dict[str, Any]] = [
+        {
+            "stimulus": trace.stimulus,
+            "afferent": str(trace.afferent),
+            "unit": trace.unit,
+            "node": trace.node or None,
+            "cells": len(cells_ms),
+            "spikes": sum(times_ms.size for times_ms in cells_ms),
+            "spikes_in_window": sum(spikes_inside(times_ms, window_ms) for times_ms in cells_ms),
+            "rate_ips": mean_rate_ips(cells_ms, window_ms),
+            "window_ms": window_ms,
+        }
+        for trace, cells_ms, window_ms in zip(traces, encoded.cells_ms, windows_ms, strict=True)
+    ]
     rates = [Rate(row["stimulus"], row["afferent"], row["rate_ips"], row["unit"]) for row in rows]
     files: dict[str, Content] = {"spikes.csv": lambda path: write_spikes(path, trains)}
     spans_ms = [(trace.start_ms, float(trace.times_ms[-1])) for trace in traces]
@@ -158,37 +171,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _rows(
-    traces: "Sequence[StressTrace]",
-    trains: "Sequence[SpikeTrain]",
-    windows_ms: "Sequence[tuple[float, float]]",
-) -> list[dict[str, Any]]:
-    """The rate of each trace and what it is of: its trains are as many as it has cells."""
-    from neural import mean_rate_ips
-    from neural.rates import spikes_inside
-
-    trains_ms: dict[tuple[str, str, str], list[Any]] = {}
-    for train in trains:
-        whose = (train.stimulus, train.afferent, train.unit)
-        trains_ms.setdefault(whose, []).append(train.times_ms)
-    rows = []
-    for trace, window_ms in zip(traces, windows_ms, strict=True):
-        whose = (trace.stimulus, str(trace.afferent), trace.unit)
-        cells_ms = trains_ms[whose]
-        rows.append(
-            {
-                **dict(zip(("stimulus", "afferent", "unit"), whose, strict=True)),
-                "node": trace.node or None,
-                "cells": len(cells_ms),
-                "spikes": sum(times_ms.size for times_ms in cells_ms),
-                "spikes_in_window": sum(spikes_inside(each, window_ms) for each in cells_ms),
-                "rate_ips": mean_rate_ips(cells_ms, window_ms),
-                "window_ms": list(window_ms),
-            }
-        )
-    return rows
-
-
 def _in_rows(trains: "Sequence[SpikeTrain]") -> "Sequence[SpikeTrain]":
     """Trains whose stimulus is the row of a raster: a unit has its own where these are few."""
     rows = [" ".join(filter(None, (train.stimulus, train.unit))) for train in trains]
@@ -197,30 +179,3 @@ def _in_rows(trains: "Sequence[SpikeTrain]") -> "Sequence[SpikeTrain]":
     if len({train.stimulus for train in trains}) == 1:
         rows = [train.unit for train in trains]
     return [replace(one, stimulus=row) for one, row in zip(trains, rows, strict=True)]
-
-
-def _window(trace: "StressTrace", args: argparse.Namespace, found: "Traces") -> tuple[float, float]:
-    """The window to count in: what was asked or is known of the run, if the trace covers it.
-
-    Of a trace of no known run that is named after a stimulus of the catalogue, its own.
-    """
-    from decks.stimuli import resolve
-    from fembridge.errors import StimulusError, UsageError
-
-    first, last = float(trace.times_ms[0]), float(trace.times_ms[-1])
-    slack = 1e-3 * trace.dt_ms
-    of_run = found.windows_ms.get(trace.stimulus)
-    if of_run is None and found.origin is not None:  # by another name
-        of_run = found.origin.window_ms
-    elif of_run is None and args.stimulus is not None:
-        with suppress(StimulusError, ValueError):
-            [entry] = resolve(args.stimulus)
-            of_run = entry.window_ms if entry.window_ms[1] <= last + slack else None
-    start, end = args.window_ms or of_run or (first, last)
-    # The first sample may be one increment after the start of the stimulus.
-    if not (first - trace.dt_ms - slack <= start < end <= last + slack):
-        raise UsageError(
-            f"window {start:g} to {end:g} ms, expected start < end inside "
-            f"{first:g} to {last:g} ms, the {trace.afferent} trace"
-        )
-    return start, end

@@ -389,19 +389,16 @@ def _rates(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
 def _rates_in(path: Path) -> "list[Rate]":
     """Rates of a table, or of the one finger of a sweep's table that did not fail."""
     from fembridge.errors import UsageError
-    from fembridge.tables import AFFERENTS, Rate, read_rates, read_table
+    from fembridge.tables import RATE_COLUMNS, rates_of, read_table
 
-    table = read_table(path, ("stimulus", "afferent", "rate_ips"))
-    if "status" not in table.header:
-        return read_rates(path)
-    table = table.where(table.column("status") == "done")
-    names, rates_ips = table.words("stimulus"), table.numbers("rate_ips", least=0).tolist()
-    columns = (names, table.choices("afferent", AFFERENTS), rates_ips)
-    rates = [Rate(*row) for row in zip(*columns, strict=True)]
-    if len({(rate.stimulus, rate.afferent) for rate in rates}) < len(rates):
-        found = "rates of several fingers, probes or methods, expected of one"
-        raise UsageError(f"{path}: {found}; plot sensitivity compares fingers")
-    return rates
+    table = read_table(path, RATE_COLUMNS)
+    if "status" in table.header:
+        table = table.where(table.column("status") == "done")
+        whose = list(zip(table.column("stimulus"), table.column("afferent"), strict=True))
+        if len(set(whose)) < len(whose):
+            found = "rates of several fingers, probes or methods, expected of one"
+            raise UsageError(f"{path}: {found}; plot sensitivity compares fingers")
+    return rates_of(table)
 
 
 def _stimulus(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
