@@ -4,46 +4,21 @@ import sys
 import zipfile
 from pathlib import Path
 
-WANTED = (
-    "fembridge/py.typed",
-    "decks/py.typed",
-    "neural/py.typed",
-    "decks/meshes/quick.npz",
-    "decks/meshes/paper.npz",
-    "decks/abaqus.inp.j2",
-    "decks/calculix.inp.j2",
-    "decks/green.inp.j2",
-    "decks/keyword_deck.inp.j2",
-    "decks/materials.inp.j2",
-    "decks/prism.inp.j2",
-    "decks/marc/job.dat.j2",
-    "decks/plane.inp.j2",
-    "fembridge/response/maps/quick.toml",
-    "fembridge/response/maps/paper.toml",
-    "fembridge/evidence/touchsim/rates.csv",
-    "fembridge/report/style.css",
-    "fembridge/report/validation.html.j2",
-    "fembridge/report/verification.md.j2",
-    "fembridge/response/profiles/quick.toml",
-    "neural/fitted.toml",
-    "neural/fitted_pad.toml",
-    "fembridge/touching/pads/reference.npz",
-    "fembridge/commands/outputs.md",
-    "fembridge/cli.py",
-)
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("decks", "fembridge", "neural")
 
 
 def main(folder: str) -> int:
     """Check the newest wheel in `folder`."""
     wheel = max(Path(folder).glob("*.whl"), key=lambda path: path.stat().st_mtime)
     names = set(zipfile.ZipFile(wheel).namelist())
-    missing = [name for name in WANTED if name not in names]
-    tops = {name.split("/")[0] for name in names}
-    strange = sorted(
-        top
-        for top in tops
-        if top not in ("fembridge", "decks", "neural") and not top.endswith(".dist-info")
-    )
+    sources = (path for package in PACKAGES for path in (ROOT / package).rglob("*.*"))
+    wanted = {
+        path.relative_to(ROOT).as_posix() for path in sources if "__pycache__" not in path.parts
+    }
+    missing = sorted(wanted - names)
+    tops = {name.split("/")[0] for name in names if ".dist-info/" not in name}
+    strange = sorted(tops - set(PACKAGES))
     if missing or strange:
         print(f"{wheel.name}: missing {missing}, strange {strange}", file=sys.stderr)
         return 1

@@ -178,33 +178,22 @@ def test_a_run_that_names_what_is_nothing_is_one_line(recorded, capsys, old, new
     assert len(error) <= 301
 
 
-def test_another_finger_is_named_where_a_set_is_used(here, capsys):
+@pytest.mark.parametrize(
+    ("finger", "name"), [("quick.toml", "fitted"), ("quick", "mine"), ("quick", "fitted")]
+)
+def test_a_finger_of_the_same_name_is_distinguished_where_a_set_is_used(here, finger, name):
+    """The run's is another one than the preset, or the preset than that of the fit, or none."""
     (here / "quick.toml").write_text("name = 'quick'\n[materials.dermis]\nyoung_mpa = 0.06\n")
-    words = ["--stimulus", "sine_20_250", "--finger", "quick.toml"]
-    assert main(["build-deck", *words, "-o", "runs"]) == 0
-    run = read_run_folder(here / "runs/sine_20_250")
-    traces = fb.read(RECORDED)
-    traces.origin = run.origin()
-    said = []
-
-    fb.encode(traces, log=said.append)
-
-    assert said == ["parameters fitted were fitted on finger 'quick' (here: another of that name)"]
-
-
-def test_a_set_fitted_on_a_finger_that_bears_a_preset_s_name_is_distinguished(here):
-    """The preset itself is another finger then."""
     fit = "[fit.response]\nfinger = 'quick'\nfinger_sha256 = 'ab'\n"
     (here / "mine.toml").write_text(f"base = 'fitted'\n{fit}", encoding="utf-8")
-    [run] = fb.build_deck("sine_20_250")
-    traces = fb.read(RECORDED)
+    [run] = fb.build_deck("sine_20_250", finger=finger)
+    traces, said = fb.read(RECORDED), []
     traces.origin = run.origin()
-    said = []
 
-    fb.encode(traces, parameters="fitted", log=said.append)
-    assert said == []
-    fb.encode(traces, parameters="mine.toml", log=said.append)
-    assert said == ["parameters mine were fitted on finger 'quick' (here: another of that name)"]
+    fb.encode(traces, parameters="mine.toml" if name == "mine" else name, log=said.append)
+
+    words = f"parameters {name} were fitted on finger 'quick' (here: another of that name)"
+    assert said == [words] * ((finger, name) != ("quick", "fitted"))
 
 
 def test_a_run_keeps_the_equations_that_its_set_was_fitted_with(here):

@@ -58,22 +58,6 @@ def test_the_tables_hold_the_spikes_and_rates_of_encode(here, capsys):
     assert shown.err == ""
 
 
-def test_without_a_window_rates_are_of_the_whole_trace_and_it_says_so(here, capsys):
-    assert main(["encode", "sine_50_250.csv", *OURS, "--json", "--no-raster"]) == 0
-
-    shown = capsys.readouterr()
-    summary = json.loads(shown.out)
-    assert "rates over the whole trace; narrow it with --window-ms" in shown.err
-    assert summary["files"] == ["spikes.csv", "rates.csv"]
-    assert sorted(path.name for path in (here / "encoded").iterdir()) == ["rates.csv", "spikes.csv"]
-    assert summary["parameters"] == "published"
-    assert [one["node"] for one in summary["rates"]] == [100, 101, 102]
-    for shown_of in summary["rates"]:
-        assert shown_of["window_ms"] == [0.0, 250.0]
-        assert shown_of["spikes"] == shown_of["spikes_in_window"]
-        assert shown_of["rate_ips"] == shown_of["spikes"] / 0.25
-
-
 def test_the_derivative_is_passed_on(here):
     main(["encode", "sine_50_250.csv", *OURS, "--derivative", "forward", "--no-raster"])
 

@@ -109,20 +109,6 @@ def test_exponents_of_three_digits_are_read(
     assert [field.values.tolist() for field in read_fields(path, "SDV")] == [expected] * 2
 
 
-def test_units_are_said_and_applied(samples):
-    path = samples / "cpe4_ascii.frd"
-    names = ("STRESS", "DISP", "TOSTRAIN", "FORC", "CONTACT")
-    joined = {name: next(read_fields(path, name)) for name in names}
-    assert {name: field.units[0] for name, field in joined.items()} == {
-        "STRESS": "Pa", "DISP": "mm", "TOSTRAIN": "1", "FORC": "N", "CONTACT": "mm",
-    }  # fmt: skip
-    contact = joined["CONTACT"]
-    assert contact.units[contact.components.index("CPRESS")] == "Pa"
-    raw = next(read_fields(path, "CONTACT", stress_unit="Pa"))
-    for name, factor in (("CPRESS", 1e6), ("COPEN", 1.0)):
-        assert_array_equal(contact.component(name), factor * raw.component(name))
-
-
 def test_a_field_is_read_only_and_finds_its_nodes(samples):
     field = next(read_fields(samples / "cpe4_nset_unsorted_dup.frd"))
     assert field.nodes.tolist() == [25, 11, 18, 11]

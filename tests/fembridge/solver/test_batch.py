@@ -35,19 +35,6 @@ def test_a_folder_named_twice_is_run_once(fake_ccx, make_run, tmp_path):
     assert len(run_folders([folder, tmp_path / "bin" / ".." / "run"], SolverSettings(jobs=2))) == 1
 
 
-def test_results_of_the_same_deck_are_not_made_again(fake_ccx, make_run):
-    folder = make_run("normal")
-    (first,) = run_folders([folder])
-    written_ns = (folder / "job.frd").stat().st_mtime_ns
-
-    (second,) = run_folders([folder])
-
-    assert (first.skipped, second.skipped) == (False, True)
-    assert (folder / "job.frd").stat().st_mtime_ns == written_ns
-    assert second.increments == first.increments
-    assert run_folders([folder], force=True)[0].skipped is False
-
-
 def test_results_are_made_again_when_something_changed_them(fake_ccx, make_run):
     """Of results, one byte: in the table of faults."""
     folder = make_run("normal")

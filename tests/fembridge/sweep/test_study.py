@@ -90,7 +90,6 @@ NO_STUDY = (
     ("methods = ['map']", "stimuli"),
     ("stimuli = []", "stimuli"),
     ("stimuli = ['../../etc/passwd']", "stimuli: .*'../../etc/passwd'"),
-    ("stimuli = [nan]", "stimuli 1: nan"),
     ("stimuli = ", "study.toml"),
     ("stimuli = 'sine_20_250'\n" + "a = " + "[" * 5000, "study.toml"),
 )
@@ -99,7 +98,6 @@ NOT_BESIDE_A_STIMULUS = (
     ("methods = ['maps']", "methods: .*'maps'"),
     ("methods = ['map', 'map']", "methods: map"),
     ("preindent_um = -1", "preindent_um: .*-1.0"),
-    ("seed = -1", "seed: -1"),
     ("element = 'CPE5'", "element: 'CPE5'"),
     ("parameters = '../p.toml'", "parameters: '../p.toml'"),
     ("parameters = 'publish'", "parameters: .*publish"),
@@ -113,15 +111,10 @@ NOT_BESIDE_A_STIMULUS = (
     ("fingers = [{grid.skin.dermis = [1.0]}]", "'dermis'.*dermis_mm"),
     ("fingers = [{grid.skin.dermis_mm = [1.0, 1.0]}]", "fingers 1: 1: skin.dermis_mm"),
     (
-        "[[fingers]]\n[fingers.grid]\n'skin.dermis_mm' = [1.0]\nskin.dermis_mm = [1.1]",
-        "skin.dermis_mm",
-    ),
-    (
         "[[fingers]]\n[fingers.grid]\n'skin.dermis_mm.x' = [1.0]\nskin.dermis_mm = [1.1]",
         "skin.dermis_mm",
     ),
     ("probes = [{diameter_mm = -1}]", "probes: diameter_mm"),
-    ("probes = [{diameter = 1}]", "diameter_mm"),
     ("probes = [{fillet_mm = 0.1}]", "fillet_mm"),
     ("probes = [{}, {}]", "probes: .*duplicate"),
     ("contacts = [{fricton = 0.1}]", "fricton.*friction"),
