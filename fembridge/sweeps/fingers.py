@@ -25,7 +25,7 @@ boundary of its layer that it is nearest to (`Anchor`).
 import itertools
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
@@ -134,27 +134,27 @@ def fingers_of(entries: Sequence[FingersTable], folder: Path, rest: int) -> tupl
     asked = []
     for number, entry in enumerate(entries, start=1):
         with place(f"fingers {number}"):
-            asked.append(_count_and_make(entry, folder))
-    check_points(rest * sum(count for count, _ in asked))
+            asked.append((entry, *_rows_of(entry, folder)))
+    check_points(rest * sum(len(rows) for _, rows, _ in asked))
     variants: list[Variant] = []
-    for number, (_, make) in enumerate(asked, start=1):
+    for number, (entry, rows, called) in enumerate(asked, start=1):
         with place(f"fingers {number}"):
-            variants += make()
+            variants += _variants(entry, rows, called, folder)
     return tuple(variants)
 
 
-def combinations(tables: Sequence[Mapping[str, object]]) -> tuple[int, Iterator[dict[str, Value]]]:
-    """Number of combinations of the lists in each of `tables`, and each; the last is fastest."""
+def combinations(tables: Sequence[Mapping[str, object]]) -> list[dict[str, Value]]:
+    """Each combination of the lists in each of `tables`, the last the fastest."""
     grids = []
     for number, table in enumerate(tables, start=1):
         with place(str(number)):
             grids.append({name: _values(name, value) for name, value in table.items()})
-    rows = (
+    check_points(sum(math.prod(map(len, grid.values())) for grid in grids))
+    return [
         dict(zip(grid, row, strict=True))
         for grid in grids
         for row in itertools.product(*grid.values())
-    )
-    return sum(math.prod(map(len, grid.values())) for grid in grids), rows
+    ]
 
 
 def check_points(count: int) -> None:
@@ -184,96 +184,96 @@ def place(where: str) -> Iterator[None]:
         raise UsageError(f"{where}: {error}") from error
 
 
-def _count_and_make(entry: FingersTable, folder: Path) -> tuple[int, Callable[[], list[Variant]]]:
-    """Number of fingers of an entry, and what makes them."""
+def _rows_of(entry: FingersTable, folder: Path) -> tuple[Sequence[Table], Sequence[str]]:
+    """What is different about each finger of an entry, and of a design what each is called."""
     given = [key for key in ("grid", "rows", "ranges") if getattr(entry, key) is not None]
-    of_hypercube = entry.samples is not None or entry.seed is not None
     if len(given) > 1:
         raise UsageError(f"{' and '.join(given)}, expected one of them")
     if entry.sites not in (None, *_SITES):
         raise UsageError(f"sites: {entry.sites!r}, expected {' or '.join(_SITES)}")
-    if entry.ranges is None:
-        if entry.design is not None or of_hypercube:
-            raise UsageError("design, samples and seed are for ranges")
-        tables = [entry.grid or {}] if entry.rows is None else entry.rows
-        if not tables:
-            raise UsageError("rows: none, expected one or more")
-        count, changes = combinations([_flat(table) for table in tables])
-        return count, lambda: _variants(entry, list(changes), folder, entry.sites == "follow")
-    ranges = _flat(entry.ranges)
-    if not ranges:
-        raise UsageError("ranges: none, expected one or more")
-    if entry.design == ONE_AT_A_TIME and not of_hypercube:
-        return 1 + 2 * len(ranges), lambda: _designed(entry, ranges, folder)
-    if entry.design != LATIN_HYPERCUBE:
+    if entry.ranges is not None:
+        return _designed(entry, _flat(entry.ranges), folder)
+    if any(each is not None for each in (entry.design, entry.samples, entry.seed)):
+        raise UsageError("design, samples and seed are for ranges")
+    tables = [entry.grid or {}] if entry.rows is None else entry.rows
+    if not tables:
+        raise UsageError("rows: none, expected one or more")
+    return combinations([_flat(table) for table in tables]), ()
+
+
+def _designed(
+    entry: FingersTable, asked: Table, folder: Path
+) -> tuple[Sequence[Table], Sequence[str]]:
+    """Rows of a design, and what each is called."""
+    one_by_one = entry.design == ONE_AT_A_TIME and entry.samples is entry.seed is None
+    if not one_by_one and entry.design != LATIN_HYPERCUBE:
         raise UsageError(
             f"design: {entry.design or ''!r}, expected {ONE_AT_A_TIME} without samples and seed "
             f"or {LATIN_HYPERCUBE}"
         )
-    for key, number, least in (("samples", entry.samples or 0, 2), ("seed", entry.seed or 0, 0)):
-        if not least <= number <= MOST_POINTS:
-            raise UsageError(f"{key}: {number}, expected {least} to {MOST_POINTS}")
-    return entry.samples or 0, lambda: _designed(entry, ranges, folder)
-
-
-def _designed(entry: FingersTable, asked: Table, folder: Path) -> list[Variant]:
-    """Fingers of a design; one that cannot be is named."""
-    [start] = _variants(entry, [{}], folder)
-    base, ranges = {}, {}
+    samples, seed = entry.samples or 0, entry.seed or 0
+    for key, count, least in (("samples", samples, 2), ("seed", seed, 0)):
+        if not one_by_one and not least <= count <= MOST_POINTS:
+            raise UsageError(f"{key}: {count}, expected {least} to {MOST_POINTS}")
+    if not asked:
+        raise UsageError("ranges: none, expected one or more")
+    label, start = _base_of(entry, folder)
+    known, base, ranges = Variant(label, finger_from(start, label)), {}, {}
     for name, span in asked.items():
         with place(f"ranges: {name}"):
-            found = start.value(name)
+            found = known.value(name)
             if name.startswith(CONTACT):
                 found = getattr(LADDER[0], name.removeprefix(CONTACT), None)
             number = float(found) if isinstance(found, int | float) else None
             ranges[name] = range_of(span, number)
             if number is not None:
                 base[name] = number
-            elif entry.design == ONE_AT_A_TIME:
+            elif one_by_one:
                 raise UsageError("the base has no such number")
-    if entry.design == LATIN_HYPERCUBE:
-        rows = latin_hypercube(ranges, entry.samples or 0, entry.seed or 0)
-        called = [f"sample {k} of {len(rows)}" for k in range(1, len(rows) + 1)]
-    else:
-        rows = one_at_a_time(base, ranges)
-        moved = [[f"{n}={v:g}" for n, v in row.items() if v != base[n]] for row in rows]
-        called = [each[0] if each else "base" for each in moved]
-    with place("choose narrower ranges"):
-        return _variants(entry, rows, folder, entry.sites != "fixed", called)
+    if not one_by_one:
+        rows = latin_hypercube(ranges, samples, seed)
+        return rows, [f"sample {k} of {samples}" for k in range(1, samples + 1)]
+    rows = one_at_a_time(base, ranges)
+    moved = [[f"{n}={v:g}" for n, v in row.items() if v != base[n]] for row in rows]
+    return rows, [each[0] if each else "base" for each in moved]
+
+
+def _base_of(entry: FingersTable, folder: Path) -> tuple[str, Table]:
+    """Label and table of the finger that an entry starts from, a preset or a file."""
+    if entry.base in PRESETS:
+        return entry.base, {"base": entry.base}
+    check_below(entry.base)
+    path = folder / entry.base
+    read_finger(str(path))  # names the file in what is wrong with it
+    return path.stem, read_toml(path, FingerError)
 
 
 def _variants(
     entry: FingersTable,
-    changes: Sequence[Mapping[str, Value]],
+    rows: Sequence[Mapping[str, Value]],
+    called: Sequence[str],
     folder: Path,
-    follows: bool = False,
-    called: Sequence[str] = (),
 ) -> list[Variant]:
-    """One finger for each of `changes` to the base of `entry`, a preset or a file.
+    """One finger for each of `rows`, changes to the base of `entry`.
 
-    Where it `follows`, an afferent keeps its distance to the boundary of its layer that
+    Where afferents follow, each keeps its distance to the boundary of its layer that
     it is nearest to; or else it stays at its depth, unless that is changed.
     """
-    if entry.base in PRESETS:
-        label, start = entry.base, {"base": entry.base}
-    else:
-        check_below(entry.base)
-        path = folder / entry.base
-        read_finger(str(path))  # names the file in what is wrong with it
-        label, start = path.stem, read_toml(path, FingerError)
+    label, start = _base_of(entry, folder)
     finger = finger_from(start, label)
-    asked = {match[1] for row in changes for match in map(_TO_BOUNDARY.fullmatch, row) if match}
+    follows = entry.sites == "follow" or (entry.ranges is not None and entry.sites is None)
+    asked = {match[1] for row in rows for match in map(_TO_BOUNDARY.fullmatch, row) if match}
     if follows:
         asked |= {name for name, site in finger.afferents.items() if site.layer in _SKIN}
     anchors = {name: anchor_of(finger, name) for name in sorted(asked)}
-    names = called or [""] * len(changes)
     variants = []
-    for row, name in zip(changes, names, strict=True):
+    for row, name in zip(rows, called or [""] * len(rows), strict=True):
         try:
             made = anchored(finger_from(_over(start, row), label), _kept(anchors, row, follows))
         except FingerError as error:
-            name = name or ", ".join(f"{key} = {value!r}" for key, value in row.items())
-            raise FingerError(f"{name}: {error}" if name else str(error)) from error
+            where = f"choose narrower ranges: {name}" if name else ""
+            where = where or ", ".join(f"{key} = {value!r}" for key, value in row.items())
+            raise FingerError(f"{where}: {error}" if where else str(error)) from error
         variants.append(Variant(label, made, row, name))
     return variants
 

@@ -22,7 +22,7 @@ stay below it. What contacts leave open follows the ladder of `fembridge.respons
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -189,9 +189,9 @@ def study_from(
     with place("stimuli"):
         stimuli = resolve(asked.stimuli)
     with place("probes"):
-        probes = tuple(map(_probe, _rows(asked.probes)))
+        probes = tuple(map(_probe, combinations(asked.probes)))
     with place("contacts"):
-        contacts = tuple(_rows(asked.contacts))
+        contacts = tuple(combinations(asked.contacts))
     with place("parameters"):
         word = asked.parameters
         if word not in SET_NAMES:
@@ -223,13 +223,6 @@ def ladder_of(asked: Asked) -> tuple[Contact, ...]:
     """Contact models to try: the ladder's, with what is asked put in."""
     with place("contacts"):
         return tuple(dict.fromkeys(changed(each, asked, UsageError) for each in LADDER))
-
-
-def _rows(entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Value]]:
-    """Every combination of the values of each entry."""
-    count, rows = combinations(entries)
-    check_points(count)
-    return list(rows)
 
 
 def _probe(row: Mapping[str, Value]) -> Probe:
