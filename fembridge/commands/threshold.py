@@ -82,11 +82,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _print(found: "pandas.DataFrame") -> None:
-    curves = found.groupby(["afferent", "criterion"], sort=False)["amplitude_um"]
     words = {"absolute": "first", "one_impulse_a_cycle": "1/cycle"}
-    columns = {f"{afferent} {words[str(criterion)]}": um for (afferent, criterion), um in curves}
-    print(f"{'Hz':>6}{''.join(f'{name:>12}' for name in columns)}   um, zero-to-peak")
-    for row, frequency_hz in enumerate(found["frequency_hz"].unique()):
-        numbers = [float(um.iloc[row]) for um in columns.values()]
-        cells = "".join(f"{'-' if um != um else format(um, '.3g'):>12}" for um in numbers)
-        print(f"{frequency_hz:>6g}{cells}")
+    found = found.assign(
+        Hz=found["frequency_hz"], of=found["afferent"] + " " + found["criterion"].map(words)
+    )
+    table = found.pivot_table("amplitude_um", "Hz", "of", sort=False, dropna=False)
+    print("amplitudes in um, zero-to-peak")
+    print(table.reset_index().to_string(index=False, na_rep="-", float_format="{:.3g}".format))

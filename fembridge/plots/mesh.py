@@ -22,7 +22,6 @@ from fembridge.plots.style import (
     class_style,
     dots,
     in_style,
-    line_colour,
     new_figure,
     note,
     spread,
@@ -43,6 +42,9 @@ _ROOM_IN, _BELOW_IN = 5.4, 1.05
 # Width over height of the close view.
 _CLOSE_ASPECT = 0.76
 
+# A line of the mesh is its element's fill, darkened: no transparency, which some
+# formats do not have.
+_LINE_SHARE = 0.72
 _MESH_LINE_PT = 0.2
 _FINE_MESH_LINE_PT = 0.08
 _FINE_ELEMENTS = 6_000
@@ -161,14 +163,14 @@ def boundaries(mesh: Mesh) -> FloatArray:
 def _draw_elements(panel: "Axes", mesh: Mesh, body_mm: FloatArray, line_pt: float) -> None:
     """Fill the elements, draw the layers' ends, and the probe."""
     from matplotlib.collections import LineCollection, PolyCollection
+    from matplotlib.colors import to_rgba_array
     from matplotlib.patches import Polygon
 
-    fills = np.array([LAYER_COLOURS[name] for name in LAYERS])
-    lines = np.array([line_colour(LAYER_COLOURS[name]) for name in LAYERS])
+    fills = to_rgba_array([LAYER_COLOURS[name] for name in LAYERS])[mesh.layer]
     elements = PolyCollection(
         list(mesh.node_mm[mesh.quad]),
-        facecolors=fills[mesh.layer].tolist(),
-        edgecolors=lines[mesh.layer],
+        facecolors=fills,
+        edgecolors=_LINE_SHARE * fills[:, :3],
         linewidths=line_pt,
         rasterized=True,
     )
@@ -263,16 +265,14 @@ def _name_afferents(
 def _draw_legend(figure: "Figure", materials: Mapping[str, Material], probe: Probe) -> None:
     """Name the fills, with what is elastic about them."""
     from matplotlib.patches import Patch
+    from matplotlib.ticker import EngFormatter
 
-    entries = [
-        (
-            LAYER_COLOURS[layer],
-            f"{_words(layer).capitalize()}\n"
-            rf"$E$ = {modulus_text(materials[layer].young_mpa)}, "
-            rf"$\nu$ = {poisson_text(materials[layer].poisson)}",
-        )
-        for layer in LAYERS
-    ]
+    entries = []
+    for layer in LAYERS:
+        young_pa, poisson = 1e6 * materials[layer].young_mpa, materials[layer].poisson
+        ratio = f"{poisson:.2f}" if round(poisson, 2) == poisson else f"{poisson:g}"
+        words = rf"$E$ = {EngFormatter('Pa')(young_pa)}, $\nu$ = {ratio}"
+        entries.append((LAYER_COLOURS[layer], f"{_words(layer).capitalize()}\n{words}"))
     entries.append((PROBE_COLOUR, f"Probe\nrigid, {probe.shape}, {probe.diameter_mm:g} mm"))
     columns = -(-len(entries) // 2)  # a legend fills columns; people read rows
     in_rows = [entry for column in range(columns) for entry in entries[column::columns]]
@@ -289,18 +289,6 @@ def _draw_legend(figure: "Figure", materials: Mapping[str, Material], probe: Pro
         handlelength=1.4,
         handleheight=1.4,
     )
-
-
-def modulus_text(young_mpa: float) -> str:
-    """Young's modulus in the unit that needs fewest digits."""
-    if young_mpa < 1:
-        return f"{young_mpa * 1000:g} kPa"
-    return f"{young_mpa / 1000:g} GPa" if young_mpa >= 1000 else f"{young_mpa:g} MPa"
-
-
-def poisson_text(poisson: float) -> str:
-    """Poisson's ratio with two decimals, or as many as it has."""
-    return f"{poisson:.2f}" if round(poisson, 2) == poisson else f"{poisson:g}"
 
 
 def _words(layer: str) -> str:

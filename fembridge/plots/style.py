@@ -93,10 +93,6 @@ _SHADED = "_not counted"
 # Of a name that is too long for its place: no font shows more in a figure's width.
 _MOST_LETTERS = 400
 
-# A line of the mesh is its element's fill, darkened: no transparency, which some
-# formats do not have.
-_LINE_SHARE = 0.72
-
 
 def import_matplotlib() -> None:
     """Import Matplotlib whatever ``MPLBACKEND`` says: Jupyter's is often not installed here.
@@ -126,12 +122,6 @@ def in_style(draw: Callable[_Given, _Drawn]) -> Callable[_Given, _Drawn]:
             return draw(*args, **options)
 
     return drawn
-
-
-def line_colour(fill: str) -> tuple[float, float, float]:
-    """Darker tone of a fill such as ``#E8C699``, for the lines drawn on it."""
-    red, green, blue = (int(fill[k : k + 2], 16) / 255 for k in (1, 3, 5))
-    return red * _LINE_SHARE, green * _LINE_SHARE, blue * _LINE_SHARE
 
 
 def check_suffix(path: Path) -> str:
