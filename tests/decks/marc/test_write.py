@@ -1,12 +1,13 @@
-"""Our deck by a plain reader: options and fields against real decks, the model against itself."""
+"""Our deck by a plain reader, against real ones and the model; the procedure's commands."""
 
+import re
 from collections import Counter
 
 import numpy as np
 import pytest
 
-from decks.dialects import DIALECTS
-from decks.marc.write import marc_deck
+from decks.dialects import DIALECTS, DeckOptions
+from decks.marc.write import marc_deck, mentat_procedure
 from fembridge.errors import DeckError
 
 TYPES = {name: int(number) for name, number in DIALECTS["marc"].elements.items()}
@@ -152,3 +153,36 @@ def test_the_probes_inside_is_on_the_left_of_its_curve_and_the_skin_on_the_right
         assert left(inside) > 0
         under = skin[(skin[:, 0] >= start[0]) & (skin[:, 0] <= end[0])]
         assert (left(under) <= 1e-9).all()
+
+
+# Of public procedures and scripts; what may follow them is in the second column.
+KNOWN = {
+    "*new_model": r"yes",
+    "*import": r'marc_read "[^"]+\.dat"',
+    "*edit_job": r"\w+",
+    "*job_option": r"(contact_method:segment_segment|"
+    r"friction_model:coulomb_bilinear|post:(both|ascii))",
+    "*update_job": r"",
+    "*write_marc": r'"[^"]+\.dat" yes',
+}
+
+
+def spoken(text):
+    """Lines that Mentat acts on."""
+    return [line for line in text.splitlines() if not line.startswith("|")]
+
+
+@pytest.mark.parametrize(
+    ("results", "post"), [("binary", []), ("text", ["ascii"]), ("both", ["both"])]
+)
+def test_every_command_is_one_of_public_procedures_and_says_where_it_was_seen(
+    results, post, make_model
+):
+    text = mentat_procedure(make_model(), DeckOptions(results))
+    for line in spoken(text):
+        word, _, rest = line.partition(" ")
+        assert re.fullmatch(KNOWN[word], rest), line
+    assert len(re.findall(r"^\| Seen in: .*\.\n\*", text, re.MULTILINE)) == len(spoken(text))
+    assert re.findall(r"post:(\w+)", text) == post
+    assert text.isascii()
+    assert all(line.isprintable() and len(line) <= 88 for line in text.splitlines())

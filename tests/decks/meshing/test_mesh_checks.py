@@ -1,25 +1,25 @@
-"""What is no mesh is refused with the reason, in memory and as a stored file."""
+"""What is no mesh is refused, in memory and as a file; one made finer is no worse."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial import KDTree
 
-from decks.finger import AfferentSite
-from decks.mesh import Mesh, read_mesh, scaled_jacobian
-from decks.presets import stored_mesh
+from decks.finger import LAYERS, AfferentSite
+from decks.mesh import Mesh, read_mesh, refined, scaled_jacobian
+from decks.presets import QUICK, mesh_of, stored_mesh
 from fembridge.errors import FingerError
 
 
-def grid(columns, count=3, step=1.0):
-    """Squares in the epidermis, `columns` x `count`."""
-    x, y = np.meshgrid(np.arange(columns + 1), -np.arange(count + 1))
-    node_mm = np.stack([x.ravel(), y.ravel()], -1) * step
-    upper = (np.arange(count)[:, None] * (columns + 1) + np.arange(columns)).ravel()
-    lower = upper + columns + 1
-    quad = np.stack([lower, lower + 1, upper + 1, upper], -1)
-    return Mesh(node_mm, quad, np.ones(len(quad), dtype=int))
+def grid(columns, rows=3, width=1.0, height=1.0):
+    """Rectangles in the epidermis; node 0 is the lower left one."""
+    x, y = np.meshgrid(np.arange(columns + 1) * width, np.arange(rows + 1) * height)
+    low = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
+    high = low + columns + 1
+    quad = np.stack([low, low + 1, high + 1, high], -1)
+    return Mesh(np.stack([x.ravel(), y.ravel()], -1), quad, np.ones(len(quad), int))
 
 
 SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
@@ -96,3 +96,42 @@ def test_what_is_no_stored_mesh_is_refused(kind, tmp_path):
         path.write_bytes({"empty": b"", "cut": whole[:9000], "text": b"mesh"}[kind])
     with pytest.raises(FingerError, match="not a stored mesh"):
         read_mesh(path)
+
+
+COARSE = mesh_of(QUICK)
+FINE = refined(refined(COARSE, (0.0, 0.0), 0.2), (0.0, 0.0), 0.1)
+
+
+def layer_areas(mesh):
+    return [mesh.area_mm2()[mesh.layer == k].sum() for k in range(len(LAYERS))]
+
+
+@given(
+    place=st.tuples(st.floats(0, 8), st.floats(0, 3)),
+    radius=st.floats(0.75, 9),
+    size=st.tuples(st.floats(0.5, 1), st.floats(0.5, 1)),
+)
+def test_nothing_hangs_and_no_area_is_lost_wherever_it_is_refined(place, radius, size):
+    """`Mesh` refuses gaps, folds and what is too skewed."""
+    coarse = grid(8, 6, *size)
+    fine = refined(coarse, (place[0] * size[0], place[1] * size[1]), radius)
+    assert_allclose(fine.area_mm2().sum(), coarse.area_mm2().sum(), rtol=1e-7)
+    assert len(fine.quad) > len(coarse.quad)
+    assert_array_equal(fine.node_mm[: len(coarse.node_mm)], coarse.node_mm)
+
+
+def test_a_preset_keeps_its_layers_its_symmetry_and_the_shape_of_its_elements():
+    assert_allclose(layer_areas(FINE), layer_areas(COARSE), rtol=1e-7)
+    way_mm, image = KDTree(FINE.node_mm).query(FINE.node_mm * [-1.0, 1.0])
+    assert way_mm.max() <= 2e-9  # they are rounded to 1e-9
+    assert_array_equal(np.sort(image), np.arange(len(image)))
+    assert scaled_jacobian(FINE.node_mm, FINE.quad).min() >= 0.37
+
+
+def test_twice_makes_the_elements_at_the_apex_of_a_preset_nine_times_narrower():
+    def narrowest_mm(mesh):
+        edge, _, _ = mesh.outline()
+        x_mm, y_mm = mesh.node_mm[np.unique(edge)].T
+        return np.sort(x_mm[(x_mm > 0) & (y_mm > -0.1)])[0]
+
+    assert_allclose(narrowest_mm(FINE), narrowest_mm(COARSE) / 9, rtol=1e-6)
