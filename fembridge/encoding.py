@@ -7,7 +7,7 @@ count.
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,7 +28,7 @@ from fembridge.simulation import (
     unlike_the_fit,
 )
 from fembridge.tables import SpikeTrain, read_traces
-from fembridge.trace import Origin, StressTrace, Traces, doubt_of_step, resample
+from fembridge.trace import StressTrace, Traces, doubt_of_step, resample
 from fembridge.typing import FloatArray
 from neural import Parameters, ParameterSet, parameter_set
 
@@ -142,20 +142,7 @@ def read_stress(
     if path.name == RUN_FILE:
         return read(path.parent, log=log), path
     written = stimuli_in(path.parent) if path.name == TRACES_FILE else None
-    if written is None:
-        names, _, rows = arrays_in(path)
-    else:
-        names, rows = [one.id for one in written.stimuli], written.traces
-    named = zip(names, rows, strict=True)
-    traces = [replace(one, stimulus=name) for name, row in named for one in row]
-    if written is None:
-        return Traces(traces), path
-    windows_ms = {one.id: one.window_ms for one in written.stimuli}
-    first = written.stimuli[0]
-    origin = Origin(
-        first.id, first.window_ms, first.preindent_um, written.parameters, written.finger
-    )
-    return Traces(traces, origin, windows_ms), path
+    return (written and written.traces) or arrays_in(path)[1], path
 
 
 def _parameters_for(

@@ -57,7 +57,7 @@ from fembridge.tables import (
     write_rates,
     write_spikes,
 )
-from fembridge.trace import StressTrace, finger_id, stacked
+from fembridge.trace import Origin, StressTrace, Traces, finger_id, stacked
 from fembridge.typing import FloatArray, Table
 from fembridge.version import __version__
 from neural import Parameters, encode_afferents, mean_rate_ips
@@ -586,16 +586,13 @@ def find_file(place: Path, names: Sequence[str], made_by: str) -> Path:
 class FolderStimuli:
     """Stimuli as a folder has them, with its file `path`; `traces` and `cells` where known.
 
-    `traces` has those of each stimulus, `cells` how many each class has; `parameters` is the
-    set that fired, as `neural.ParameterSet.to_table` has it, `finger` as in `Origin`.
+    `traces` are those of all, with their origin; `cells` is how many each class has.
     """
 
     path: Path
     stimuli: tuple[Stimulus, ...]
-    traces: tuple[tuple[StressTrace, ...], ...] = ()
+    traces: Traces = field(default_factory=Traces)
     cells: Mapping[str, int] = field(default_factory=dict)
-    parameters: Table = field(default_factory=dict)
-    finger: dict[str, str] = field(default_factory=dict)
 
     def of(self, stimulus: str) -> Stimulus | None:
         """The stimulus of that id, None where there is none."""
@@ -642,10 +639,8 @@ def stimuli_in(folder: Path) -> FolderStimuli | None:
     return None
 
 
-def arrays_in(
-    path: Path,
-) -> tuple[list[str], list[FloatArray], tuple[tuple[StressTrace, ...], ...]]:
-    """Of a simulation's NPZ: ids, waveforms in um, and the traces of each."""
+def arrays_in(path: Path) -> tuple[dict[str, FloatArray], Traces]:
+    """Of a simulation's NPZ: waveforms in um by their ids, and the traces of all."""
     try:
         with ZipFile(path) as archive:
             if sum(one.file_size for one in archive.infolist()) > MAX_TRACES_BYTES:
@@ -657,14 +652,16 @@ def arrays_in(
         if not names or (len(names), len(afferents)) != (len(depth_um), stress_pa.shape[-1]):
             raise ValueError(f"{len(names)} stimuli, {len(depth_um)} waveforms")
         sizes = [int(np.isfinite(row).sum()) for row in depth_um]  # NaN behind the end
-        traces = tuple(
-            tuple(StressTrace(row[:size, k], dt_ms, 0, name) for k, name in enumerate(afferents))
-            for row, size in zip(stress_pa, sizes, strict=True)
+        traces = Traces(
+            StressTrace(row[:size, k], dt_ms, 0, afferent, stimulus=name)
+            for name, row, size in zip(names, stress_pa, sizes, strict=True)
+            for k, afferent in enumerate(afferents)
         )
     except Exception as error:  # whatever a damaged archive makes of the parser
         found = " ".join(str(error).split())[:120]
         raise ResultError(f"not as fembridge simulate writes it: {found}", path) from error
-    return names, [row[:size] for row, size in zip(depth_um, sizes, strict=True)], traces
+    rows = (row[:size] for row, size in zip(depth_um, sizes, strict=True))
+    return dict(zip(names, rows, strict=True)), traces
 
 
 def _simulation(folder: Path) -> FolderStimuli:
@@ -672,15 +669,14 @@ def _simulation(folder: Path) -> FolderStimuli:
     path, record = folder / TRACES_FILE, folder / RECORD_FILE
     failed = ResultError.at(record)
     table = read_toml(record, failed)
-    names, depths_um, traces = arrays_in(path)
-    dt_ms = traces[0][0].dt_ms
-    afferents = [trace.afferent for trace in traces[0]]
+    depth_um, traces = arrays_in(path)
+    dt_ms, afferents = traces[0].dt_ms, {trace.afferent for trace in traces}
     fired = table.get("parameters", {})
     try:
-        known = [table["stimuli"][name] for name in names]
+        known = [(name, row, table["stimuli"][name]) for name, row in depth_um.items()]
         stimuli = tuple(
             Stimulus(name, row, dt_ms, tuple(one["window_ms"]), float(one["preindent_um"]), one)
-            for name, row, one in zip(names, depths_um, known, strict=True)
+            for name, row, one in known
         )
         cells = {name: int(one["cells"]) for name, one in fired.items() if name in afferents}
     except (AttributeError, KeyError, TypeError, ValueError, FembridgeError) as error:
@@ -690,4 +686,6 @@ def _simulation(folder: Path) -> FolderStimuli:
     if name not in SET_NAMES or parameters_to_table(parameter_set(name).parameters) != fired:
         chosen |= {"preindent_um": stimuli[0].preindent_um, **fired, "fit": table.get("fit", {})}
     finger = finger_id(read_toml(folder / FINGER_FILE, failed)) if has_finger(folder) else {}
-    return FolderStimuli(record, stimuli, traces, cells, chosen, finger)
+    first, windows_ms = stimuli[0], {one.id: one.window_ms for one in stimuli}
+    origin = Origin(first.id, first.window_ms, first.preindent_um, chosen, finger)
+    return FolderStimuli(record, stimuli, Traces(traces, origin, windows_ms), cells)
