@@ -1,4 +1,4 @@
-"""``kill -9`` of the solver, of us, of both, and of us at every single moment."""
+"""``kill -9`` of the solver, of us, of both, at every single moment; two of us in one folder."""
 
 import os
 import signal
@@ -7,6 +7,8 @@ import threading
 from pathlib import Path
 
 import pytest
+
+from fembridge.store import filling, write_text
 
 KILLED_AT = Path(__file__).with_name("killed_at.py")
 LEAST = 10
@@ -41,3 +43,33 @@ def test_killed_before_any_file_operation_no_half_stands_for_a_whole(
 
     assert done.returncode == 0, err
     assert int(out) >= LEAST
+
+
+PATIENCE_S = 0.5
+NAMES = ("a.csv", "b.csv", "record.toml")
+
+
+def fill(folder, text):
+    with filling(folder, last="record.toml") as draft:
+        for name in NAMES:
+            write_text(draft / name, text)
+
+
+def test_files_of_two_that_write_into_one_folder_are_never_mixed(tmp_path, monkeypatch):
+    """The second comes while the first has moved one file of three."""
+    second = threading.Thread(target=fill, args=(tmp_path, "second"))
+    replace = Path.replace
+
+    def slow(self, target):
+        moved = replace(self, target)
+        if target == tmp_path / "a.csv" and second.ident is None:
+            second.start()
+            second.join(PATIENCE_S)
+        return moved
+
+    monkeypatch.setattr(Path, "replace", slow)
+    fill(tmp_path, "first")
+    second.join()
+
+    found = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    assert found == dict.fromkeys(NAMES, "second")

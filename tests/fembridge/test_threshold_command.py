@@ -1,4 +1,4 @@
-"""`fembridge threshold`, the evidence it shows, and thresholds beside a plain search."""
+"""`fembridge threshold`, the evidence it shows, TouchSim's rates, and a plain search beside it."""
 
 import json
 
@@ -6,10 +6,20 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from decks.stimuli import CATALOGUE
 from fembridge import cli
 from fembridge.errors import TableError, UsageError
-from fembridge.evidence import CRITERIA, DISTANCE, THRESHOLDS, published, read_evidence
+from fembridge.evidence import (
+    CRITERIA,
+    DISTANCE,
+    THRESHOLDS,
+    TOUCHSIM_MODELS,
+    published,
+    read_evidence,
+    touchsim_rates,
+)
 from fembridge.fitting.problem import stored_source
+from fembridge.tables import AFFERENTS
 from fembridge.tuning import against_evidence, frequencies_of, thresholds, vibration
 from neural import encode_cells
 from neural.parameters import RisingRaParameters
@@ -108,3 +118,28 @@ def test_a_wrong_table_of_evidence_is_refused_with_its_line(tmp_path, text, line
     with pytest.raises(TableError, match=shown) as caught:
         read_evidence(own, DISTANCE)
     assert caught.value.line == line
+
+
+TRIALS = 5  # of each model: fewer do not make whole numbers of spikes
+
+
+@pytest.mark.parametrize("whole_second", [False, True])
+@pytest.mark.parametrize("depth_um", [0.0, 500.0])
+def test_each_stimulus_has_a_whole_number_of_spikes_of_each_class(depth_um, whole_second):
+    """A row of the other window would leave fractions of spikes."""
+    windows_ms = {entry.id: entry.window_ms for entry in CATALOGUE}
+    rates = touchsim_rates(depth_um, whole_second=whole_second)
+    assert [(rate.stimulus, rate.afferent) for rate in rates] == [
+        (entry.id, afferent) for entry in CATALOGUE for afferent in AFFERENTS
+    ]
+    for rate in rates:
+        start_ms, end_ms = (0.0, 1000.0) if whole_second else windows_ms[rate.stimulus]
+        count = TOUCHSIM_MODELS[rate.afferent] * TRIALS
+        spikes = rate.rate_ips * count * (end_ms - start_ms) / 1000.0
+        rounding = 0.0005 * count * (end_ms - start_ms) / 1000.0  # three decimals kept
+        assert abs(spikes - round(spikes)) <= rounding + 1e-9, rate
+
+
+def test_a_depth_that_was_not_computed_is_said():
+    with pytest.raises(UsageError, match=r"250.*0 or 500"):
+        touchsim_rates(250)

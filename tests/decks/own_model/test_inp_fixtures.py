@@ -1,5 +1,7 @@
-"""Recorded decks as if they were somebody's: taken, or refused for what they are."""
+"""Decks as they are: recorded ones taken or refused, and a foreign one solved."""
 
+import os
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,8 @@ from decks.own_model import Request
 from decks.own_model.inp import rebase_inp
 from decks.presets import QUICK, mesh_of
 from fembridge.errors import DeckError
+from fembridge.machine import find_ccx
+from fembridge.results.readers import read_values
 from fembridge.stimulus import Stimulus
 
 FIXTURES = Path(__file__).parents[3] / "fixtures"
@@ -76,3 +80,32 @@ def test_our_own_deck_with_another_waveform_is_the_deck_of_that_but_for_its_sets
     ]
     place = analysis.mesh.node_mm[[node - 1 for node in analysis.afferent.values()]]
     assert_allclose(list(rebased.place_mm.values()), place, rtol=0, atol=1e-9)
+
+
+# As somebody else writes it: metres, lower case, tabs, a step before the waveform's, one behind.
+FOREIGN = Path(__file__).with_name("foreign.inp")
+PUNCH, UNDER = 31, 17
+WAY_MM = np.array([0.0, 0.02, 0.06, 0.05, -0.01, 0.0, 0.1])
+FOREIGN_MOTION = Motion(np.arange(7) * 5e-4, WAY_MM, 5e-4, 0)
+
+
+@pytest.mark.solver
+@pytest.mark.parametrize("clock", ["total time", "step time"])
+def test_the_probe_goes_where_the_waveform_says_on_either_clock(tmp_path, clock):
+    deck = FOREIGN.read_text("ascii").replace("\n", "\r\n").replace("Groesse", "Größe")
+    deck = deck.replace("total time", clock)
+    request = Request(afferents={"PUNCH": PUNCH, "UNDER": UNDER}, length_unit="m")
+    rebased = rebase_inp(deck.encode("latin-1"), FOREIGN_MOTION, request)
+    assert_allclose(rebased.place_mm["UNDER"], (1.0, 1.0))
+    assert rebased.deck.count(b"\n") == rebased.deck.count(b"\r\n")
+    (tmp_path / "job.inp").write_bytes(rebased.deck)
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    subprocess.run([find_ccx(), "-i", "job"], cwd=tmp_path, env=environment, check=True)
+    times_ms, moved = read_values(tmp_path / "job.frd", [PUNCH], quantity="displacement")
+    depth_mm = -1e3 * moved[:, 0, 1]
+    # One output at the end of the first step; the step after the waveform's is left out.
+    wanted = [0.0, *FOREIGN_MOTION.depth_mm[1:]]
+    assert_allclose(times_ms, 1000.0 + 1e3 * FOREIGN_MOTION.time_s, rtol=1e-12)
+    assert_allclose(depth_mm, wanted, rtol=0, atol=1e-9)
+    _, stress = read_values(tmp_path / "job.frd", [UNDER])
+    assert ((stress[1:, 0, 1] < 0) == (depth_mm[1:] > 1e-6)).all()  # pressed where it is deep

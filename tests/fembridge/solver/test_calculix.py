@@ -1,10 +1,14 @@
-"""One run folder under a solver that plays each way a run can end."""
+"""Run folders under a solver that plays each way a run can end, and who watches it."""
+
+import importlib.metadata
+import threading
 
 import pytest
 
+from fembridge.errors import MissingError, UsageError
 from fembridge.run_folder import read_run_folder
 from fembridge.solver import ccx
-from fembridge.solver.ccx import run_ccx
+from fembridge.solver.ccx import Watchdog, load_solver, run_ccx, run_folders
 from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause
 from fembridge.store import sha256_of
@@ -168,3 +172,169 @@ def test_a_deck_that_ccx_never_finishes_reading_is_named(fake_ccx, make_run, mon
     folder = make_run("hang")
     (shown,) = ccx.warnings_of(read_run_folder(folder), folder / "job.inp")
     assert "had not read the deck after 0.5 s" in shown
+
+
+def test_outcomes_come_in_the_order_of_the_folders(fake_ccx, make_run, tmp_path):
+    good = make_run("normal", "good")
+    bad = make_run("diverged", "bad")
+    marc = make_run("normal", "marc", solver="marc")
+    odd = make_run("normal", "odd", solver="abacus")
+    absent = tmp_path / "absent"
+
+    outcomes = run_folders([bad, absent, good, marc, odd], SolverSettings(jobs=2))
+
+    assert [outcome.folder for outcome in outcomes] == [bad, absent, good, marc, odd]
+    causes = [outcome.failure and outcome.failure.cause for outcome in outcomes]
+    folder_is_bad = Cause.BAD_FOLDER
+    assert causes == [Cause.DIVERGED, folder_is_bad, None, folder_is_bad, folder_is_bad]
+    assert "Marc is run with your own solver" in str(outcomes[3])
+    assert "no solver 'abacus' here; there is calculix" in str(outcomes[4])
+    assert str(outcomes[1]).count(str(absent)) == 1
+
+
+def test_a_folder_named_twice_is_run_once(fake_ccx, make_run, tmp_path):
+    folder = make_run("normal")
+    assert len(run_folders([folder, tmp_path / "bin" / ".." / "run"], SolverSettings(jobs=2))) == 1
+
+
+def test_results_are_made_again_when_something_changed_them(fake_ccx, make_run):
+    """Of results, one byte: in the table of faults."""
+    folder = make_run("normal")
+    run_folders([folder])
+    record = folder / "solver.toml"
+    record.write_text(record.read_text()[:40])
+
+    assert run_folders([folder])[0].skipped is False
+    assert (folder / "job.frd").read_text().endswith(" 9999\n")
+
+
+def test_jobs_run_at_the_same_time(fake_ccx, make_run):
+    """Each has a line only while both are at work; one alone would wait for ever."""
+    meeting = threading.Barrier(2, timeout=120)
+    met = set()
+
+    def meet(progress):
+        if progress.folder not in met:
+            meeting.wait()
+            met.add(progress.folder)
+        raise ZeroDivisionError  # ends this run
+
+    folders = [make_run("hang", "a"), make_run("hang", "b")]
+    with pytest.raises(ZeroDivisionError):
+        run_folders(folders, SolverSettings(jobs=2, on_progress=meet))
+    assert met
+
+
+def test_one_that_breaks_ends_the_others(fake_ccx, make_run, pid_of, is_alive):
+    folders = [make_run("hang", name) for name in ("a", "b", "c")]
+    pids = []
+
+    def fail(progress):
+        if progress.folder == folders[0] and (folders[1] / "solving/job.pid").exists():
+            pids.append(pid_of(folders[1]))
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        run_folders(folders, SolverSettings(jobs=2, on_progress=fail))
+
+    assert not is_alive(pids[0])
+    assert not (folders[2] / "failed").exists()
+
+
+def test_another_package_can_add_a_solver(monkeypatch):
+    row = importlib.metadata.EntryPoint("mine", "math:hypot", ccx.ENTRY_POINTS)
+    rows = importlib.metadata.EntryPoints([row])
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: rows.select(group=group))
+
+    assert load_solver("mine")(3.0, 4.0) == 5.0
+    with pytest.raises(MissingError, match=r"no solver 'nine' here.*calculix, mine"):
+        load_solver("nine")
+
+
+STA = "SUMMARY OF JOB INFORMATION\n STEP\n"
+CVG = "SUMMARY OF C0NVERGENCE INFORMATION\n\n\n\n"
+
+
+def sta_row(increment, end_s, mark=" ", attempt=1):
+    times = f"{end_s:14.6E}{end_s:14.6E}{0.0005:14.6E}"
+    return f"{1:6d}{increment:11d}{attempt:6d}{mark}{2:5d}{times}\n"
+
+
+def cvg_row(increment, iteration, attempt=1):
+    place = f"{1:6d}{increment:6d}{attempt:6d}{iteration:>6}{0:9d}"
+    return place + "  0.0000E+00" * 4 + "\n"
+
+
+@pytest.fixture
+def watch(make_run, tmp_path):
+    run = read_run_folder(make_run(increments=10))
+    work = tmp_path / "solving"
+    work.mkdir()
+
+    def make(**limits):
+        return work, Watchdog(work, run, SolverSettings(**limits))
+
+    return make
+
+
+def test_progress_is_the_time_of_the_last_increment_that_converged(watch):
+    work, dog = watch()
+    failed = sta_row(3, 0.001, mark="U")
+    (work / "job.sta").write_text(STA + sta_row(1, 0.0005) + sta_row(2, 0.001) + failed)
+    rows = [cvg_row(1, 1), cvg_row(1, 2), cvg_row(2, 1), cvg_row(3, 1), cvg_row(3, 2)]
+    (work / "job.cvg").write_text(CVG + "".join(rows))
+
+    progress = dog.look(8.0)
+
+    assert (progress.increment, progress.increments) == (2, 10)
+    assert (progress.iterations, progress.iterations_here) == (5, 2)
+    assert progress.fraction == pytest.approx(0.2, rel=1e-9)
+    assert progress.left_s == pytest.approx(32.0, rel=1e-9)
+
+
+def test_a_line_that_cannot_be_read_keeps_what_was_known(watch):
+    work, dog = watch()
+    (work / "job.sta").write_text(STA + sta_row(1, 0.0005))
+    dog.look(1.0)
+    (work / "job.sta").write_text(STA + sta_row(1, 0.0005) + "what is this\n")
+    assert dog.look(2.0).increment == 1
+
+
+def test_a_new_attempt_counts_its_iterations_anew(watch):
+    work, dog = watch(iteration_limit=3)
+    (work / "job.cvg").write_text(
+        CVG + "".join(cvg_row(1, n, attempt) for attempt in (1, 2) for n in (1, 2, 3))
+    )
+    assert dog.complaint(dog.look(1.0)) is None
+
+    with (work / "job.cvg").open("a") as file:
+        file.write(cvg_row(1, "****", attempt=2))
+    assert dog.complaint(dog.look(2.0)).cause is Cause.ENDLESS_ITERATION
+
+
+def test_growth_of_any_file_puts_the_stall_off(watch):
+    work, dog = watch(stall_limit_s=10.0)
+    (work / "job.frd").write_text("a")
+    assert dog.complaint(dog.look(1.0)) is None
+    assert dog.complaint(dog.look(10.9)) is None
+    (work / "job.frd").write_text("ab")
+    assert dog.complaint(dog.look(11.5)) is None
+    assert dog.complaint(dog.look(21.4)) is None
+    assert dog.complaint(dog.look(21.6)).cause is Cause.STALLED
+
+
+def test_the_time_limit_counts_though_files_grow(watch):
+    work, dog = watch(time_limit_s=10.0)
+    (work / "job.frd").write_text("a")
+    assert dog.complaint(dog.look(10.0)) is None
+    (work / "job.frd").write_text("ab")
+    complaint = dog.complaint(dog.look(10.1))
+    assert complaint.cause is Cause.TIME_LIMIT
+    assert "10 s were over after 0 of 10 increments, 0 of 5 ms" in str(complaint)
+
+
+@pytest.mark.parametrize("name", ["time_limit_s", "stall_limit_s", "iteration_limit"])
+@pytest.mark.parametrize("limit", [0, -1, float("nan")])
+def test_a_limit_that_is_not_positive_is_misuse(name, limit):
+    with pytest.raises(UsageError, match=name):
+        SolverSettings(**{name: limit})
