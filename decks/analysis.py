@@ -295,8 +295,6 @@ class Model:
 
     def at_once(self) -> "Model":
         """The model whose stress does not depend on time, for its contact."""
-        if not self.inertia and self.finger.relaxing_s == 0:
-            return self
         return replace(self, finger=self.finger.at_once(), inertia=False)
 
     def analysis(self, stimulus: Stimulus, *, watched: IntArray | None = None) -> Analysis:

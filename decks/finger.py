@@ -319,6 +319,8 @@ class Finger:
 
     def at_once(self) -> "Finger":
         """The finger that does not relax: with the moduli that it has at once."""
+        if not self.relaxing_s:
+            return self
         still = {layer: replace(one, prony=()) for layer, one in self.materials.items()}
         return replace(self, materials=still)
 

@@ -119,16 +119,10 @@ class Deflection:
     origin: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for axis, values in (("distance_mm", "deflection_mm"), ("loading_mm", "loading_n_per_mm")):
-            x, y = (np.array(getattr(self, name), dtype=np.float64) for name in (axis, values))
-            if x.shape != y.shape or not np.isfinite([x, y]).all() or not (np.diff(x) > 0).all():
-                raise ResponseError(
-                    f"{self.name}: {axis} and {values}: expected as many finite numbers of both, "
-                    f"{axis} ascending"
-                )
-            for name, array in ((axis, x), (values, y)):
-                array.flags.writeable = False
-                object.__setattr__(self, name, array)
+        for name in _NUMBERS:
+            array = np.array(getattr(self, name), dtype=np.float64)
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
 
     @property
     def force_n_per_mm(self) -> float:
@@ -257,7 +251,7 @@ def why_not(depth_mm: float, apex_mm: float, force_n_per_mm: FloatArray) -> str 
     last = float(force_n_per_mm[-1])
     least, most = (share * depth_mm for share in FOLLOWED)
     dip = float(-np.diff(force_n_per_mm).min())
-    if not (last > 0 and np.isfinite(force_n_per_mm).all()):
+    if not last > 0:
         return f"the probe did not push: the force at {depth_mm:g} mm is {last:.3g} N/mm"
     if not least <= apex_mm <= most:
         return (
