@@ -251,7 +251,7 @@ def why_not(depth_mm: float, apex_mm: float, force_n_per_mm: FloatArray) -> str 
     last = float(force_n_per_mm[-1])
     least, most = (share * depth_mm for share in FOLLOWED)
     dip = float(-np.diff(force_n_per_mm).min())
-    if not last > 0:
+    if not (last > 0 and np.isfinite(force_n_per_mm).all()):
         return f"the probe did not push: the force at {depth_mm:g} mm is {last:.3g} N/mm"
     if not least <= apex_mm <= most:
         return (
