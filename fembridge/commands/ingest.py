@@ -147,7 +147,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         extrapolate=args.extrapolate,
         von_mises=args.von_mises,
         columns=dict(args.columns) if args.columns else None,
-        log=lambda words: print(f"{result.path}: {words}", file=sys.stderr),
+        log=lambda words: print(f"{args.result}: {words}", file=sys.stderr),
     ) as result:
         return _run(args, result)
 
@@ -345,14 +345,10 @@ def _one_quantity(args: argparse.Namespace, path: Path) -> str | None:
 
 
 def _at_nodes(args: argparse.Namespace, result: "Result") -> bool:
-    """Whether traces at nodes are asked of a ``.dat`` of Abaqus, not its tables."""
-    from fembridge.results.printed import is_abaqus
-
+    """Whether traces at nodes are asked of a ``.dat``, which Abaqus prints, not its tables."""
     chosen = args.node or args.sets or args.near or args.afferents
     ours = result.run is not None and result.run.solver == "abaqus"
-    if args.point or args.quantity or args.list or not (chosen or ours):
-        return False
-    return is_abaqus(result.path)
+    return bool(chosen or ours) and not (args.point or args.quantity or args.list)
 
 
 def _nothing_chosen(args: argparse.Namespace, result: "Result") -> bool:

@@ -6,10 +6,9 @@ result file has no sample of the start itself.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,43 +31,33 @@ if TYPE_CHECKING:
     import pandas
 
 
-@dataclass(eq=False)
-class Result(AbstractContextManager["Result"]):
-    """A result file at `path`, read with `options`; a context manager that closes it.
+@dataclass(frozen=True, slots=True, eq=False)
+class Result:
+    """A result file, the open `source`.
 
-    It is opened once, when its `source` is first asked. `run` is the run that it is a result
-    of: None without a ``run.toml`` beside it, or with one that cannot be read, which is the
-    `trouble` that only histories mind. The units `from_heading`, names of options, are those
-    that the file's heading names.
+    `run` is the run that it is a result of: None without a ``run.toml`` beside it, or with one
+    that cannot be read, which is the `trouble` that only histories mind.
     """
 
-    path: Path
-    options: ReadOptions
+    source: Source
     run: RunFolder | None = None
     trouble: ResultError | None = None
-    from_heading: Sequence[str] = ()
 
-    @cached_property
-    def source(self) -> Source:
-        """The open file."""
-        source = open_source(self.path, self.options)
-        stated = source.unit_system() if self.from_heading else None
-        if stated is not None:
-            self.options.note(f"the heading names the unit system {stated}")
-            units = {name: getattr(stated, name) for name in self.from_heading}
-            self.options = source.options = replace(self.options, **units)
-        return source
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self.source.path
 
-    def __exit__(self, *error: object) -> None:
-        if "source" in self.__dict__:
-            self.source.__exit__(*error)
+    @property
+    def options(self) -> ReadOptions:
+        """How it is read."""
+        return self.source.options
 
     def reading(self, **changed: Any) -> "Result":  # noqa: ANN401 - fields of `ReadOptions`
         """The same open file, read with other options."""
-        other, source = copy(self), copy(self.source)
-        other.options = source.options = replace(self.options, **changed)
-        other.source = source
-        return other
+        source = copy(self.source)
+        source.options = replace(self.options, **changed)
+        return replace(self, source=source)
 
     def named_nodes(self) -> Sequence[int]:
         """Nodes that a file of curves names itself; none of other files."""
@@ -210,6 +199,7 @@ class Result(AbstractContextManager["Result"]):
             )
 
 
+@contextmanager
 def open_result(
     path: Path | str | RunFolder,
     *,
@@ -221,7 +211,7 @@ def open_result(
     von_mises: str | None = None,
     columns: Mapping[str, str] | None = None,
     log: Callable[[str], None] | None = None,
-) -> Result:
+) -> Iterator[Result]:
     """The result file `path`, or that of the run folder `path`; options as for `read`.
 
     A folder without a ``run.toml`` has the result of the first format that is there.
@@ -247,7 +237,6 @@ def open_result(
 
         check_units(columns)
     units: UnitSystem | RunFolder = LENGTH_UNITS.get(length_unit or "", MM)
-    from_heading: tuple[str, ...] = ()
     of_run: dict[str, Any] = {}
     if run is not None:  # its units were settled when its deck was built, heading and all
         for asked, held in ((stress_unit, run.stress_unit), (length_unit, run.length_unit)):
@@ -255,8 +244,6 @@ def open_result(
                 raise UsageError(f"{path}: a run folder of fembridge is in {held}, always")
         units, of_run = run, {"branches": run.branches, "on_axis": run.on_axis}
         of_run["classes"] = {one.node: one.afferent for one in run.afferents}
-    elif length_unit is None:
-        from_heading = ("length_unit", *["stress_unit"] * (stress_unit is None))
     options = ReadOptions(
         partial=partial,
         across_materials=across_materials,
@@ -268,7 +255,15 @@ def open_result(
         log=log,
         **of_run,
     )
-    return Result(path, options, run, trouble, from_heading)
+    with open_source(path, options) as source:
+        if run is None and length_unit is None and (stated := source.unit_system()) is not None:
+            options.note(f"the heading names the unit system {stated}")
+            source.options = replace(
+                options,
+                length_unit=stated.length_unit,
+                stress_unit=stress_unit or stated.stress_unit,
+            )
+        yield Result(source, run, trouble)
 
 
 def describe(path: Path | str) -> Table:

@@ -108,7 +108,7 @@ def test_a_set_needs_a_deck_and_can_name_one(here, capsys):
         ([ASCII, "--afferents", "--set", "A"], "--set and --afferents do not go tog"),
         ([ASCII, "--field", "DISP", "--vtu", "v"], "--vtu and --field do not go toge"),
         ([ASCII, "--point", "1:1"], "--point is for a .dat"),
-        ([DAT, "--node", "1"], "--node is for a .frd"),
+        ([DAT, "--vtu", "v"], "--vtu is for a .frd"),
         ([DAT, "--quantity", "forces", "stresses"], "--quantity takes one name"),
         ([ASCII, "--field", "DISP", "-o", "f.txt"], "expected a name in .npz or .csv"),
         ([ASCII, "--set", "PROBES", "--one-sided", "EALL"], "--one-sided is for the --node"),
