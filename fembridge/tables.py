@@ -71,6 +71,7 @@ RATE_COLUMNS = ("stimulus", "afferent", "rate_ips")
 MAX_TABLE_BYTES = 1 << 28  # whose cells are read as text
 _FRAME = Path("DataFrame")
 _LONGEST_HEADER = 1 << 16
+_NO_WHOLE = 2.0**53  # from here on a float is not every whole number
 _NOT_UTF8 = "\N{REPLACEMENT CHARACTER}"  # what becomes of such a byte
 _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 _TOO_MANY_CELLS = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")  # pandas
@@ -276,21 +277,16 @@ def samples_in(
     number of a value from 0 on, and whose they are. A table whose columns are `named` may be
     as other programs write it.
     """
-    return _plain_samples(source, asked) or _samples(source, asked, named)
-
-
-def _samples(
-    source: "Path | pd.DataFrame", asked: Mapping[str, Sequence[str]], named: bool
-) -> "tuple[pd.DataFrame, Callable[[int, str], TableError]]":
-    """The same cell by cell."""
     import pandas as pd
 
-    others = named and isinstance(source, Path) and _others_table(source)
-    table = others or read_table(source)
+    table = _typed_table(source, asked)
+    if table is None and named and isinstance(source, Path):
+        table = _others_table(source)
+    table = table or read_table(source)
     found = _found(table.header, asked, table.path)
     if not table.size:
         raise TableError("a header and no rows, expected samples", table.path)
-    samples = pd.DataFrame(index=range(table.size))
+    samples: dict[str | int, Any] = {}
     for key, name in found.items():
         if key == "afferent":
             samples[key] = table.choices(name, ("", *AFFERENTS))
@@ -299,23 +295,23 @@ def _samples(
         else:
             least, kind = (0, int) if key == "node" else (-math.inf, float)
             samples[key] = table.numbers(name, least, kind)
-    return samples, table.error
+    return pd.DataFrame(samples, copy=False), table.error
 
 
-def _plain_samples(
+def _typed_table(
     source: "Path | pd.DataFrame", asked: Mapping[str, Sequence[str]]
-) -> "tuple[pd.DataFrame, Callable[[int, str], TableError]] | None":
-    """The same of a table as we write it, number by number; None of any other.
+) -> "TextTable | None":
+    """A table as we write it, its columns read as what they are; None of any other.
 
     Of ten million samples the cells as text would take gigabytes.
     """
     import pandas as pd
 
     path = source if isinstance(source, Path) else _FRAME
-    samples: dict[str | int, Any] = {}
     try:
         header = _plain_header(source) if isinstance(source, Path) else list(map(str, source))
         found = {key: header.index(name) for key, name in _found(header, asked, path).items()}
+        texts = [at for key, at in found.items() if key in _WHOSE[:3]]
         if isinstance(source, Path):
             kinds: dict[int, Any] = dict.fromkeys(range(len(header)), "category")
             kinds |= {at: np.float64 for key, at in found.items() if key not in _WHOSE}
@@ -334,31 +330,18 @@ def _plain_samples(
             )
         else:
             cells = source.set_axis(range(len(header)), axis=1)
-        for key, at in found.items():
-            column = cells[at]
-            if key in _WHOSE[:3]:
-                if not isinstance(column.dtype, pd.CategoricalDtype):
-                    column = column.astype(object).where(column.notna(), "").astype(str)
-                samples[key] = column.astype("category").array
-                words = set(map(str, samples[key].categories))
-                if '"' in "".join(words) or words != {word.strip() for word in words}:
-                    return None
-                if key == "afferent" and not words <= {"", *AFFERENTS}:
-                    return None
-            elif not np.isfinite(column.to_numpy(np.float64)).all():
-                return None
-            elif key == "node":
-                samples[key] = column.to_numpy(np.int64)
-                if samples[key].min() < 0 or (samples[key] != column).any():
-                    return None
-            else:
-                samples[key] = column.to_numpy(np.float64)
+            for at in texts:
+                text = cells[at].astype(object).where(cells[at].notna(), "")
+                cells[at] = text.astype(str).astype("category")
+        words = {str(word) for at in texts for word in cells[at].cat.categories}
     except (OSError, ValueError, OverflowError, TypeError, TableError):
         return None  # the other way says what is wrong, and where
+    if '"' in "".join(words) or words != {word.strip() for word in words}:
+        return None
     if cells.shape[1] != len(header) or not len(cells):
         return None
-    first = 2 if isinstance(source, Path) else 1
-    return pd.DataFrame(samples), lambda row, problem: TableError(problem, path, int(row) + first)
+    rows = np.arange(len(cells))
+    return TextTable(path, "", tuple(header), cells, rows + isinstance(source, Path))
 
 
 def _plain_header(path: Path) -> list[str]:
@@ -476,8 +459,8 @@ class TextTable:
     """The cells of a CSV table as text; every method names the line of a bad cell.
 
     `header` has the names of the columns, `cells` their text by number of column,
-    without blanks around it, or numbers where they came as such, and `records` ``(row,)``
-    which record of `text` each row is; the header is record 0.
+    without blanks around it, or numbers and categories where they came as such, and
+    `records` ``(row,)`` which record of `text` each row is; the header is record 0.
     """
 
     path: Path
@@ -496,8 +479,10 @@ class TextTable:
         return replace(self, cells=self.cells[mask], records=self.records[mask])
 
     def column(self, name: str) -> NDArray[Any]:
-        """Text of the cells of a column ``(row,)``."""
+        """Text of the cells of a column ``(row,)``, or its categories."""
         cells = self.cells[self.header.index(name)]
+        if cells.dtype == "category":
+            return cells.array  # type: ignore[no-any-return] # as good as an array
         if cells.dtype != object:
             cells = cells.astype(object).where(cells.notna(), "").map(str)
         return cells.to_numpy(dtype=object)
@@ -510,10 +495,12 @@ class TextTable:
 
     def choices(self, name: str, choices: Sequence[str]) -> NDArray[Any]:
         """Column of cells that must be one of `choices`."""
+        import pandas as pd
+
         cells = self.column(name)
         known = ", ".join(filter(None, choices))
         self.refuse(
-            ~np.isin(cells.astype(str), choices),
+            ~pd.Series(cells).isin(choices).to_numpy(),
             lambda row: f"{name} is {cells[row]!r}, expected one of {known}",
         )
         return cells
@@ -523,11 +510,14 @@ class TextTable:
     ) -> NDArray[Any]:
         """Column of finite numbers of a `kind`, `least` or more."""
         column = self.cells[self.header.index(name)]
+        if kind is int and column.dtype.kind in "iu" and column.min() >= least:
+            return column.to_numpy(dtype=np.int64)
         cells = column.to_numpy() if column.dtype.kind in "iuf" else self.column(name)
         numbers = _floats(cells)
-        good = np.isfinite(numbers) & (numbers >= least)
+        good = np.isfinite(numbers)
+        good &= numbers >= least
         if kind is int:
-            good &= numbers == np.floor(numbers)
+            good &= (numbers % 1 == 0) & (numbers < _NO_WHOLE)
         wanted = "a whole number" if kind is int else "a number"
         wanted += f", {least:g} or more" if least > -math.inf else ""
 
@@ -536,7 +526,7 @@ class TextTable:
             return f"{name} is {repr(cell) if isinstance(cell, str) else cell}, expected {wanted}"
 
         self.refuse(~good, problem)
-        return numbers.astype(kind)
+        return numbers.astype(kind, copy=False)
 
     def refuse_duplicates(self, keys: "pd.DataFrame") -> None:
         """Refuse two rows of the same `keys`, a row of them for each row here."""
@@ -725,7 +715,7 @@ def _floats(cells: NDArray[Any]) -> FloatArray:
     """Numbers of `cells`, NaN where one is none."""
     try:
         if cells.dtype != object or not any("_" in cell for cell in cells):  # digit groups
-            return cells.astype(np.float64)
+            return cells.astype(np.float64, copy=False)
     except (ValueError, TypeError):
         pass
 
