@@ -69,19 +69,6 @@ def test_the_derivative_is_passed_on(here):
     assert forward.tolist() != backward.tolist()
 
 
-def test_a_trace_of_solver_increments_may_be_counted_from_time_zero(here):
-    """Its first sample stands at dt, and its spikes keep the table's clock."""
-    [trace] = traces(["SA"], start_ms=0.5)
-    write_traces(here / "increments.csv", [trace])
-
-    words = ["encode", "increments.csv", *OURS, "--no-raster", "--window-ms"]
-    assert main([*words, "0:250"]) == 0
-    assert main([*words, "0:250.6"]) == 2
-    [times_ms] = encode(trace.stress_pa, 0.5, PUBLISHED["SA"])
-    [train] = read_spikes(here / "encoded/spikes.csv")
-    np.testing.assert_array_equal(train.times_ms, 0.5 + times_ms)
-
-
 def test_traces_that_start_unloaded_are_named_where_the_fit_had_a_pre_indentation(here, capsys):
     assert main(["encode", "sine_50_250.csv", "--no-raster"]) == 0
     [line] = [one for one in capsys.readouterr().err.splitlines() if "fitted" in one]

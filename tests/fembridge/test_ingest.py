@@ -4,15 +4,13 @@ import csv
 import json
 import shutil
 import subprocess
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fembridge.cli import main
-from fembridge.results import read_fields
-from fembridge.run_folder import AfferentNode, RunFolder, read_run_folder
+from fembridge.run_folder import AfferentNode, RunFolder
 from fembridge.tables import read_traces
 
 pytestmark = pytest.mark.usefixtures("here")
@@ -254,18 +252,6 @@ def test_curves_without_nodes_ask_for_a_number(here, capsys):
     assert "--node N" in capsys.readouterr().out
     assert main(["ingest", "plot.txt", "--node", "7"]) == 0
     assert [row["time_ms"] for row in rows_of(here / "plot_traces.csv")] == ["0.0", "0.5", "1.5"]
-
-
-def test_a_run_folder_of_a_model_in_metres_moves_in_mm(here, run_folder):
-    moved = {}
-    for unit, length in (("MPa", "mm"), ("Pa", "m")):
-        run = read_run_folder(run_folder)
-        replace(run, stress_unit=unit, length_unit=length).write()
-        assert main(["ingest", str(run_folder), "--quantity", "displacement"]) == 0
-        moved[unit] = float(rows_of(here / "job_displacement.csv")[-1]["d2_mm"])
-        [*_, field] = read_fields(run_folder, "DISP")
-        assert field.at([11])[0, 1] == pytest.approx(moved[unit])
-    assert moved["Pa"] == pytest.approx(1000 * moved["MPa"])
 
 
 def test_all_nodes_are_a_table_and_a_dozen_lines(here, capsys):

@@ -120,6 +120,25 @@ def block():
 
 
 @pytest.fixture(scope="session")
+def small_run():
+    """A function that gives DISP and STRESS of two nodes, every number another."""
+
+    def blocks(increments, flag=1, **how):
+        made, number = [], 1.0
+        for k in range(1, increments + 1):
+            for name, components in COMPONENTS.items():
+                records = []
+                for node, sign in ((3, -1), (1, 1)):
+                    row = [sign * (number + 1.25 * j) for j in range(len(components))]
+                    records.append((node, row))
+                    number += 16.0
+                made.append(Block(name, k, k * 5e-4, records, flag, **how))
+        return made
+
+    return blocks
+
+
+@pytest.fixture(scope="session")
 def samples():
     """Give the folder of recorded runs."""
     return FIXTURES / "frd_samples"

@@ -194,25 +194,9 @@ CUT_STEP = 1 if os.environ.get("CI") == "true" else 97
 LENIENT_PA = ReadOptions(partial=True, across_materials=True, stress_unit="Pa")
 
 
-def small_run(block, flag, increments=2):
-    """DISP and STRESS of two nodes, every number another."""
-    blocks, number = [], 0.0
-    for k in range(1, increments + 1):
-        for name, count in (("DISP", 3), ("STRESS", 6)):
-            records = []
-            for node in (3, 1):
-                sign = -1.0 if node == 3 else 1.0
-                row = [sign * (number + 1.25 * j + 0.5) for j in range(count)]
-                records.append((node, row))
-                number += 16.0
-            blocks.append(block(name, k, k * 5e-4, records, flag=flag))
-    return blocks
-
-
 @pytest.mark.parametrize("flag", [1, 2, 3])
-def test_a_cut_at_any_byte_gives_an_error_or_a_true_beginning(block, write_frd, flag):
-    blocks = small_run(block, flag)
-    path = write_frd(blocks, f"cut{flag}.frd", mesh_flag=min(flag, 2))
+def test_a_cut_at_any_byte_gives_an_error_or_a_true_beginning(small_run, write_frd, flag):
+    path = write_frd(small_run(2, flag), f"cut{flag}.frd", mesh_flag=min(flag, 2))
     times_ms, tensor = read_values(path, [1, 3], LENIENT_PA)
     _, moved = moved_at(path, [1, 3], LENIENT_PA)
     seen, whole_size = set(), path.stat().st_size

@@ -1,6 +1,5 @@
 """Whole fields and the mesh: every sample, what a writer knows, damage, bounded memory."""
 
-import csv
 import re
 import subprocess
 import weakref
@@ -15,7 +14,6 @@ from opened import mesh_of, read_field
 from fembridge.errors import ResultError, UsageError
 from fembridge.results import describe, read_fields
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.fields import write_field
 from fembridge.results.frd import KIND_OF_TYPE, NODES_OF_TYPE
 
 TOUCHING = re.compile(r" *[+-]?\d\.\d{5}[Ee][+-]\d{2,3}")
@@ -310,17 +308,6 @@ def test_a_word_that_chooses_no_increment_or_two_is_misuse(samples, word):
 def test_an_increment_that_is_absent_is_named_beside_those_there(samples):
     with pytest.raises(ResultError, match="no increment 9 of DISP, it has 1:1 to 1:4"):
         read_field(samples / "cpe4_ascii.frd", "DISP", "9")
-
-
-def test_a_csv_has_a_row_a_node_and_units_in_its_names(samples, tmp_path):
-    field = read_field(samples / "cpe4_ascii.frd", "STRESS")
-    write_field(tmp_path / "f.csv", field)
-    with (tmp_path / "f.csv").open(newline="") as file:
-        rows = list(csv.reader(file))
-    assert rows[0] == ["node", "sxx_pa", "syy_pa", "szz_pa", "sxy_pa", "syz_pa", "szx_pa"]
-    table = np.array(rows[1:], dtype=float)
-    assert np.array_equal(table[:, 0], field.nodes)
-    assert np.array_equal(table[:, 1:], field.values)
 
 
 SHELL = """*NODE

@@ -75,18 +75,6 @@ def test_deep_stimuli_take_the_deep_response_that_is_stored(here, tmp_path):
     assert sweep.table["peak_stress_pa"].min() > 0
 
 
-def test_what_is_finished_is_read_and_not_done_again(here, tmp_path):
-    made = study("sine_20_250", variants=(QUICK, Variant("paper", PRESETS["paper"])))
-    first = run_sweep(made, tmp_path)
-    table = first.results.read_bytes()
-    assert here.done == ["quick, map", "paper, map"]
-
-    second = run_sweep(made, tmp_path)
-    assert second.before == 2
-    assert second.results.read_bytes() == table
-    assert here.done == ["quick, map", "paper, map"]  # nobody was hired
-
-
 def harmed(content):
     """What may become of a file: cut, edited, nonsense, or gone."""
     return content[: len(content) // 2], content.replace(b"2", b"3", 1), b"\xff\x00", None
