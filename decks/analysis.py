@@ -97,11 +97,10 @@ class ElementSet:
 class Analysis:
     """One run: a finger, a probe, a motion, and the nodes whose results are wanted.
 
-    `afferent_row` gives the row of each afferent's node in `mesh`; `apex_row` the row of
-    the skin's node that the probe touches first, which shows that it pushed.
-    `fixed_row` ``(C,)`` are nodes that do not move. `contact_edge` ``(K, 2)`` are
-    (element row, face from 0) of the skin that the probe can reach. `watched_row`
-    ``(W,)`` are further nodes whose results are written.
+    `afferent` gives the node of each afferent; `apex` is the skin's node that the probe
+    touches first, which shows that it pushed. `fixed_row` ``(C,)`` are nodes that do not
+    move. `contact_edge` ``(K, 2)`` are (element row, face from 0) of the skin that the probe
+    can reach. `watched_row` ``(W,)`` are further nodes whose results are written.
 
     `law` is that of skin and tissue, bone and nail stay linear: ``linear`` takes the
     second Piola–Kirchhoff stress to be linear in Green's strain, which gives way
@@ -119,8 +118,8 @@ class Analysis:
     motion: Motion
     contact: Contact
     element: str
-    afferent_row: Mapping[str, int]
-    apex_row: int
+    afferent: Mapping[str, int]
+    apex: int
     fixed_row: IntArray
     contact_edge: IntArray
     large_strain: bool = True
@@ -156,10 +155,6 @@ class Analysis:
     contact_node: IntArray = field(init=False)
     """Nodes of the skin that the probe can reach."""
 
-    afferent: Mapping[str, int] = field(init=False)
-    """Node of each afferent."""
-    apex: int = field(init=False)
-    """Node of the skin that the probe touches first."""
     watched: IntArray = field(init=False)
     """Nodes whose results are wanted: afferents, apex and others, no node twice."""
     watched_on_axis: tuple[int, ...] = field(init=False)
@@ -178,9 +173,9 @@ class Analysis:
         quadratic = self.element in QUADRATIC
         node_mm, element = mesh.with_midsides() if quadratic else (mesh.node_mm, mesh.quad)
         first_probe_node = len(node_mm) + 1
-        wanted = (*self.afferent_row.values(), self.apex_row, *self.watched_row.tolist())
-        rows = np.array(list(dict.fromkeys(wanted)), dtype=np.int64)
-        why_whole = _why_whole(self, rows)
+        wanted = (*self.afferent.values(), self.apex, *(self.watched_row + 1).tolist())
+        watched = np.array(list(dict.fromkeys(wanted)), dtype=np.int64)
+        why_whole = _why_whole(self, watched)
         is_half = why_whole is None
         there = np.ones(len(mesh.quad), dtype=bool)
         quads = np.arange(len(probe.quad))
@@ -206,14 +201,13 @@ class Analysis:
             alone[outer, side] = True
             fixed[:, 4:] &= alone | mesh.in_layer("bone")[:, None]
             touching.append(element[owner, face + 4])
-        watched = rows + 1
         terms = dict.fromkeys(watched.tolist(), 1)
         for one in layers:
             for number in np.intersect1d(watched, one.node).tolist():
                 terms[number] = max(terms[number], 1 + len(one.material.prony))
         sites = {}
-        for name, row in self.afferent_row.items():
-            (x, y), layer = mesh.node_mm[row], self.finger.afferents[name].layer
+        for name, number in self.afferent.items():
+            (x, y), layer = mesh.node_mm[number - 1], self.finger.afferents[name].layer
             sites[name] = f"{layer}, x = {x:.4f} mm, depth = {-y:.4f} mm"
         made = {
             "why_whole": why_whole,
@@ -234,8 +228,6 @@ class Analysis:
             "fixed": np.intersect1d(element[fixed] + 1, node),
             "contact_face": self.contact_edge[there[owner]] + 1,
             "contact_node": np.intersect1d(np.concatenate(touching) + 1, node),
-            "afferent": {name: row + 1 for name, row in self.afferent_row.items()},
-            "apex": self.apex_row + 1,
             "watched": watched,
             "watched_on_axis": tuple(watched[np.isin(watched, axis)].tolist()),
             "branches": {number: count for number, count in terms.items() if count > 1},
@@ -249,8 +241,8 @@ class Analysis:
         return replace(self, section="whole") if self.is_half else self
 
 
-def _why_whole(model: Analysis, rows: IntArray) -> str | None:
-    """Why half of the section will not do for results at `rows`; None where it will."""
+def _why_whole(model: Analysis, watched: IntArray) -> str | None:
+    """Why half of the section will not do for results at nodes; None where it will."""
     mesh, probe = model.mesh, model.probe_mesh
     for so, words in (
         (model.section == "whole", "the whole section was asked for"),
@@ -262,10 +254,11 @@ def _why_whole(model: Analysis, rows: IntArray) -> str | None:
     ):
         if so:
             return words
-    for row in rows[mesh.node_mm[rows, 0] < -SAME_MM].tolist():
-        names = {model.apex_row: "the skin under the probe"}
-        names |= {other: f"afferent {name}" for name, other in model.afferent_row.items()}
-        return f"{names.get(row, f'watched node {row + 1}')} is at x = {mesh.node_mm[row, 0]:g} mm"
+    for number in watched[mesh.node_mm[watched - 1, 0] < -SAME_MM].tolist():
+        names = {model.apex: "the skin under the probe"}
+        names |= {other: f"afferent {name}" for name, other in model.afferent.items()}
+        x_mm = mesh.node_mm[number - 1, 0]
+        return f"{names.get(number, f'watched node {number}')} is at x = {x_mm:g} mm"
     if not _is_mirrored(probe.node_mm, probe.quad, np.zeros_like(probe.quad[:, 0])):
         return "the probe is no mirror image of itself"
     if not _is_mirrored(mesh.node_mm, mesh.quad, mesh.layer):
@@ -330,8 +323,8 @@ class Model:
             motion=motion,
             contact=self.contact,
             element=self.element,
-            afferent_row={name: mesh.node_at(site) for name, site in self.finger.afferents.items()},
-            apex_row=apex_row,
+            afferent={name: mesh.node_at(site) + 1 for name, site in self.finger.afferents.items()},
+            apex=apex_row + 1,
             fixed_row=np.union1d(bone, np.intersect1d(nail, edge)),
             contact_edge=np.stack([owner[reached], face[reached]], -1),
             notes=(

@@ -140,8 +140,8 @@ def test_nodes_that_are_images_but_joined_otherwise_are_none(first, same, short)
         half_of(short),
         mesh=mesh,
         fixed_row=image[[3]],
-        afferent_row={},
-        apex_row=2,
+        afferent={},
+        apex=3,
         contact_edge=np.zeros((0, 2), dtype=int),
     )
     assert analysis.is_half == same
@@ -167,8 +167,8 @@ def strip(stimulus, mesh):
         usual_half(stimulus),
         mesh=mesh,
         fixed_row=np.flatnonzero(mesh.node_mm[:, 1] < -0.5),
-        afferent_row={},
-        apex_row=int(np.abs(mesh.node_mm[:, 0]).argmin()),
+        afferent={},
+        apex=int(np.abs(mesh.node_mm[:, 0]).argmin()) + 1,
         contact_edge=np.stack([np.arange(len(mesh.quad)), np.full(len(mesh.quad), 2)], -1),
     )
 
@@ -176,7 +176,7 @@ def strip(stimulus, mesh):
 def test_a_mirrored_mesh_with_elements_across_the_axis_is_computed_whole(short):
     assert strip(short, grid([-1.0, 0.0, 1.0])).is_half
     across = strip(short, grid([-1.5, -0.5, 0.5, 1.5]))
-    assert not replace(across, apex_row=2).is_half  # at x = 0.5
+    assert not replace(across, apex=3).is_half  # at x = 0.5
 
 
 @given(

@@ -118,8 +118,8 @@ def test_an_edge_inside_the_nail_is_free_even_between_two_held_nodes(models, sho
         models["quadratic"].analysis(short),
         mesh=strip,
         fixed_row=np.arange(8),
-        afferent_row={},
-        apex_row=0,
+        afferent={},
+        apex=1,
         contact_edge=np.array([[0, 2]]),
     )
     deck = parse_deck(calculix_deck(analysis))
