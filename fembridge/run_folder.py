@@ -139,28 +139,28 @@ class RunFolder:
         return structure(table, Origin, lambda words: ResultError(f"inputs: {words}", path))
 
     def write(self) -> None:
-        """Write ``run.toml``."""
-        time = {one.name: getattr(self, one.name) for one in fields(_Time)}
+        """Write ``run.toml``; what is as usual is left out."""
+        odd = {
+            one.name: value
+            for one in fields(self)
+            if (value := getattr(self, one.name)) != one.default
+        }
         table: Table = {
             "format": FORMAT,
             "solver": self.solver,
             "deck_sha256": self.deck_sha256,
-            "time": {k: v for k, v in time.items() if v or k not in _MAY_BE_ABSENT},
+            "time": {one.name: odd[one.name] for one in fields(_Time) if one.name in odd},
             "apex_node": self.apex_node,
-            "on_axis": list(self.on_axis),
-            "stress_unit": self.stress_unit if self.stress_unit != "MPa" else "",
-            "length_unit": self.length_unit if self.length_unit != "mm" else "",
+            **{
+                name: odd[name] for name in ("on_axis", "stress_unit", "length_unit") if name in odd
+            },
             "afferents": {place.afferent: place.to_table() for place in self.afferents},
             "branches": {str(node): count for node, count in self.branches.items()},
             "inputs": dict(self.inputs),
         }
-        table = {k: v for k, v in table.items() if v or k not in _MAY_BE_ABSENT}
+        if not self.branches:
+            del table["branches"]
         write_toml(self.folder / RUN_FILE, table)
-
-
-_MAY_BE_ABSENT = (
-    *("before_ms", "solver_increments", "on_axis", "stress_unit", "length_unit", "branches"),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,19 +215,11 @@ def read_run_folder(folder: Path) -> RunFolder:
     for node in file.branches:
         if not node.isdecimal():
             raise failed(f"branches.{node}: expected the number of a node")
-    run = RunFolder(
-        folder=folder,
-        solver=file.solver,
-        afferents=tuple(file.afferents.values()),
-        deck_sha256=file.deck_sha256,
-        apex_node=file.apex_node,
-        inputs=file.inputs,
-        stress_unit=file.stress_unit,
-        branches={int(node): count for node, count in file.branches.items()},
-        on_axis=file.on_axis,
-        length_unit=file.length_unit,
-        **asdict(time),
-    )
+    known = {one.name: getattr(file, one.name) for one in fields(file) if one.name != "time"} | {
+        "afferents": tuple(file.afferents.values()),
+        "branches": {int(node): count for node, count in file.branches.items()},
+    }
+    run = RunFolder(folder, **known, **asdict(time))
     for name, value, least in (
         ("time.increments", time.increments, 1),
         ("time.solver_increments", time.solver_increments, 0),

@@ -110,12 +110,12 @@ Log = Callable[[str], None]
 class HysteresisError(ResponseError):
     """Unloading differs from loading by `closure_percent`, too much for a map."""
 
-    def __init__(self, problem: str, closure_percent: float) -> None:
-        super().__init__(problem, closure_percent)  # these rebuild it after pickling
-        self.problem, self.closure_percent = problem, closure_percent
+    def __init__(self, problem: str, closure_percent: float, *more: object) -> None:
+        super().__init__(problem, closure_percent, *more)  # these rebuild it after pickling
+        self.closure_percent = closure_percent
 
     def __str__(self) -> str:
-        return self.problem
+        return str(self.args[0])
 
 
 class FrictionSlipError(HysteresisError):
@@ -126,8 +126,7 @@ class FrictionSlipError(HysteresisError):
     """
 
     def __init__(self, problem: str, closure_percent: float, contact: Contact) -> None:
-        super().__init__(problem, closure_percent)
-        self.args = (problem, closure_percent, contact)  # these rebuild it after pickling
+        super().__init__(problem, closure_percent, contact)
         self.contact = contact
 
 

@@ -228,5 +228,4 @@ def ladder_of(asked: Asked) -> tuple[Contact, ...]:
 def _probe(row: Mapping[str, Value]) -> Probe:
     if "fillet_mm" in row and row.get("shape") != "flat":
         raise UsageError("fillet_mm is for shape 'flat'")
-    structure(row, Probe, UsageError)
-    return Probe(**row)  # type: ignore[arg-type] # as it is written: 1 stays 1
+    return structure(row, Probe, UsageError)
