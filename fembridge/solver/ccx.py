@@ -195,25 +195,21 @@ def finished_outcome(run: RunFolder) -> Outcome | None:
     try:
         table = read_toml(run.folder / SOLVER_FILE, FembridgeError)
         recorded = {name: text for name, text in table.items() if name.endswith("_sha256")}
-        whole = table["format"] == RECORD_FORMAT and recorded == _digests(run.folder)
-        return _on_record(run, table) if whole else None
+        if table["format"] != RECORD_FORMAT or recorded != _digests(run.folder):
+            return None
+        return Outcome(
+            folder=run.folder,
+            skipped=True,
+            version=str(table["version"]) or None,
+            exit_code=int(table["exit_code"]),
+            wall_s=float(table["wall_s"]),
+            increments=int(table["increments"]),
+            iterations=int(table["iterations"]),
+            threads=table.get("threads"),
+            as_built=table["deck_sha256"] == run.deck_sha256,
+        )
     except (FembridgeError, OSError, KeyError, TypeError, ValueError):  # also: no TOML
         return None
-
-
-def _on_record(run: RunFolder, table: Table) -> Outcome:
-    """The outcome of which ``solver.toml`` has the `table`."""
-    return Outcome(
-        folder=run.folder,
-        skipped=True,
-        version=str(table["version"]) or None,
-        exit_code=int(table["exit_code"]),
-        wall_s=float(table["wall_s"]),
-        increments=int(table["increments"]),
-        iterations=int(table["iterations"]),
-        threads=table.get("threads"),
-        as_built=table["deck_sha256"] == run.deck_sha256,
-    )
 
 
 class Watchdog:
@@ -358,8 +354,9 @@ def _solved_before(run: RunFolder, work: Path, known: Table) -> Outcome:
         failure = Failure(Cause[known["cause"]], known["found"])
         _keep_evidence(run, work, failure)
         return Outcome(run.folder, failure, cached=True, version=known["version"])
-    outcome = _on_record(run, read_toml(work / SOLVER_FILE, FembridgeError))
     _publish(run, work)
+    outcome = finished_outcome(run)
+    assert outcome is not None
     return replace(outcome, cached=True)
 
 
