@@ -440,30 +440,22 @@ def _has_parts(kind: Any) -> bool:  # noqa: ANN401 - any type
     return is_dataclass(kind) or any_length or of in (dict, Mapping)
 
 
-def _first_problem(problem: BaseException, where: str = "") -> str:
-    """First leaf of a tree of validation errors, in one line with its place."""
-    from cattrs import ClassValidationError, ForbiddenExtraKeysError, IterableValidationError
+def _first_problem(problem: BaseException) -> str:
+    """First of the problems of a table, in one line with its place; a misspelt key before all."""
+    from cattrs import ForbiddenExtraKeysError, transform_error
 
-    if isinstance(problem, ForbiddenExtraKeysError):
-        known = [field.name for field in fields(problem.cl)]
-        key = min(map(str, problem.extra_fields))
-        hint = near_hint(key, known)
-        found = f"unknown key {key!r}, expected {', '.join(known)}{hint}"
-    elif isinstance(problem, ClassValidationError | IterableValidationError):
-        unknown = (each for each in problem.exceptions if isinstance(each, ForbiddenExtraKeysError))
-        inner = next(unknown, problem.exceptions[0])  # often the misspelt key that is absent
-        for note in getattr(inner, "__notes__", ()):
-            place = getattr(note, "name", getattr(note, "index", None))
-            if isinstance(place, int):
-                where = f"{where} {place + 1}".strip()  # of a list
-            elif place is not None:
-                where = f"{where}.{place}" if where else str(place)
-        return _first_problem(inner, where)
-    elif isinstance(problem, KeyError):
-        found = "absent"
-    else:
-        found = str(problem)
-    return f"{where}: {found}" if where else found
+    def words(error: BaseException, _: type | None) -> str:
+        if not isinstance(error, ForbiddenExtraKeysError):
+            return "absent" if isinstance(error, KeyError) else str(error)
+        known, key = [field.name for field in fields(error.cl)], min(map(str, error.extra_fields))
+        return f"unknown key {key!r}, expected {', '.join(known)}{near_hint(key, known)}"
+
+    found = transform_error(problem, "", words)
+    first = next((line for line in found if line.startswith("unknown key")), found[0])
+    what, _, place = first.rpartition(" @ ")
+    place = re.sub(r"\[(\d+)\]", lambda one: f" {int(one[1]) + 1}", place)  # of a list
+    place = re.sub(r"\['(.*?)'\]", r".\1", place).lstrip(". ")
+    return f"{place}: {what}" if place else what
 
 
 def _merged(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
