@@ -8,6 +8,7 @@ Written are thresholds.csv and a picture, with published thresholds in it.
 import argparse
 from typing import TYPE_CHECKING, Any
 
+from fembridge.commands import Content, write_files
 from fembridge.commands.options import (
     STORED_FINGER,
     Several,
@@ -59,26 +60,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Compute, print and write; the summary holds the table."""
-    from pathlib import Path
-
     from fembridge import api
     from fembridge.evidence import THRESHOLDS, read_evidence
     from fembridge.plots.rates import thresholds_figure
-    from fembridge.plots.style import save_figure
-    from fembridge.store import filling
     from fembridge.tables import write_table
 
     observed = read_evidence(args.thresholds, THRESHOLDS).table
     args.hz = ",".join(args.hz)
     found = api.thresholds(args.afferent, **words_of(args, api.thresholds))
-    with filling(Path(args.output), last=TABLE_FILE) as draft:
-        save_figure(thresholds_figure(found, observed), draft / PICTURE_FILE)
-        write_table(draft / TABLE_FILE, list(found.columns), found.to_numpy().tolist())
-    if not args.json:
-        _print(found)
-        print(f"{TABLE_FILE}, {PICTURE_FILE}: {args.output}")
-    rows = found.to_dict("records")
-    return {"output": args.output, "parameters": args.parameters, "thresholds": rows}
+    _print(found)
+    rows = found.to_numpy().tolist()
+    files: dict[str, Content] = {
+        PICTURE_FILE: thresholds_figure(found, observed),
+        TABLE_FILE: lambda path: write_table(path, list(found.columns), rows),
+    }
+    return {
+        **write_files(args.output, files),
+        "parameters": args.parameters,
+        "thresholds": found.to_dict("records"),
+    }
 
 
 def _print(found: "pandas.DataFrame") -> None:

@@ -7,10 +7,10 @@ rates the page says how good the model is; without, only how similar to TouchSim
 
 import argparse
 import shlex
-import sys
 from typing import TYPE_CHECKING, Any
 
 from fembridge.commands.options import add_from, add_output_option, words_of
+from fembridge.terminal import Notes
 
 if TYPE_CHECKING:
     from fembridge.report.validate import Validation
@@ -72,29 +72,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Compute and write; the summary holds the agreement of all families."""
-    from pathlib import Path
-
     from fembridge import api
     from fembridge.report.validation_page import PAGE, write_report
     from fembridge.store import check_output
 
-    notes: list[str] = []
-
-    def log(line: str) -> None:
-        notes.append(line)
-        print(line, file=sys.stderr)
-
-    output = Path(args.output)
-    check_output(output, PAGE)
-    study = api.validate(**{**words_of(args, api.validate), "output": None}, log=log)
-    files = write_report(output, study, command_line(args))
+    notes = Notes()
+    check_output(args.output, PAGE)
+    study = api.validate(**{**words_of(args, api.validate), "output": None}, log=notes)
+    files = write_report(args.output, study, command_line(args))
     rows = _rows(study)
-    if not args.json:
-        _print_rows(study, rows)
-        print(f"{output / PAGE}, and {len(files) - 1} files beside it")
+    _print_rows(study, rows)
+    print(f"{args.output / PAGE}, and {len(files) - 1} files beside it")
     return {
         "output": args.output,
-        "page": str(output / PAGE),
+        "page": args.output / PAGE,
         "finger": study.finger,
         "judged": study.judged.name,
         "models": [model.name for model in study.models],

@@ -9,10 +9,10 @@ with 1 when a check fails its bound.
 """
 
 import argparse
-import sys
 from typing import Any
 
 from fembridge.commands.options import Several, add_output_option
+from fembridge.terminal import SolverBars, log
 
 EXAMPLE = "fembridge verify --quick -o verification"
 
@@ -41,33 +41,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Make the studies and the page; the summary holds each check."""
     import os
-    from pathlib import Path
 
     from fembridge.errors import UsageError
     from fembridge.report.verify import PAGE_FILE, verify, versions_here, write_report
-    from fembridge.terminal import SolverBars
 
     if args.jobs is not None and args.jobs < 1:
         raise UsageError(f"--jobs is {args.jobs}, expected 1 or more")
-    folder = Path(args.output)
     with SolverBars() as bars:
         findings = verify(
-            folder,
+            args.output,
             args.only,
             quick=args.quick,
             jobs=args.jobs or len(os.sched_getaffinity(0)),
             on_progress=bars,
-            log=lambda line: print(line, file=sys.stderr, flush=True),
+            log=log,
         )
-    summary = write_report(folder, findings, versions_here(), quick=args.quick)
-    if not args.json:
-        for study in summary["studies"]:
-            passed = sum(check["passed"] for check in study["checks"])
-            state = study["skipped"] or f"{passed} of {len(study['checks'])} checks"
-            print(f"{study['name']:<16}{state}")
-        for name, finding in findings.items():
-            for one in (check for check in finding.checks if not check.passed):
-                found = f"{one.found:.3g} {one.unit}".rstrip()
-                print(f"fails: {name}: {one.what}: {found}, expected {one.side} {one.bound:g}")
-        print(f"{PAGE_FILE}: {folder}")
-    return {"output": str(folder), **summary, "exit_code": int(not summary["passed"])}
+    summary = write_report(args.output, findings, versions_here(), quick=args.quick)
+    for study in summary["studies"]:
+        passed = sum(check["passed"] for check in study["checks"])
+        state = study["skipped"] or f"{passed} of {len(study['checks'])} checks"
+        print(f"{study['name']:<16}{state}")
+    for name, finding in findings.items():
+        for one in (check for check in finding.checks if not check.passed):
+            found = f"{one.found:.3g} {one.unit}".rstrip()
+            print(f"fails: {name}: {one.what}: {found}, expected {one.side} {one.bound:g}")
+    print(f"{PAGE_FILE}: {args.output}")
+    return {"output": args.output, **summary, "exit_code": int(not summary["passed"])}
