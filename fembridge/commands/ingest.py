@@ -157,7 +157,7 @@ def _run(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
     from fembridge.results.byte_file import suffix_of
     from fembridge.results.readers import PRINTS
 
-    path, suffix = result.path, suffix_of(result.path)
+    path, suffix = result.source.path, suffix_of(result.source.path)
     if suffix == ".dat":  # of a Marc deck, too
         from decks.marc.grammar import is_marc_deck
 
@@ -182,7 +182,7 @@ def _run(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
     summary, words, rows = write(args, result)
     if kind != "table" or suffix == ".dat":
         ours = kind == "traces" and result.run is not None
-        words += _units_taken(args, result.options, summary, ours)
+        words += _units_taken(args, result.source.options, summary, ours)
     if not args.json:
         print(f"{summary['output']}: {words}", *(f"  {row}" for row in rows), sep="\n")
     return summary
@@ -214,7 +214,7 @@ def _kind(args: argparse.Namespace, result: "Result", printed: bool) -> str:
     from fembridge.errors import UsageError
     from fembridge.results.byte_file import suffix_of
 
-    path = result.path
+    path = result.source.path
     given = {"--node": args.node, "--set": args.sets, "--near": args.near}
     by_node = [word for word, value in given.items() if value]
     given = {"--list": args.list, "--vtu": args.vtu, "--field": args.field, "--point": args.point}
@@ -264,16 +264,18 @@ def _traces(args: argparse.Namespace, result: "Result") -> Written:
     from fembridge.results.history import VON_MISES
     from fembridge.tables import write_origin, write_table
 
-    quantity, origin = _one_quantity(args, result.path), None
+    quantity, origin = _one_quantity(args, result.source.path), None
     if args.point:
         from fembridge.results.printed import read_point_history
 
-        found = read_point_history(result.path, args.point, args.print_set, result.options)
-        found = found.taken(quantity or VON_MISES, args.resample_ms, result.options.log)
+        found = read_point_history(
+            result.source.path, args.point, args.print_set, result.source.options
+        )
+        found = found.taken(quantity or VON_MISES, args.resample_ms, result.source.options.log)
     else:
         every = args.node == [ALL]
         if ALL in (args.node or ()) and not every:
-            raise UsageError(f"{result.path}: --node all or numbers, not both")
+            raise UsageError(f"{result.source.path}: --node all or numbers, not both")
         plain = (quantity or VON_MISES).lower() == VON_MISES
         from_start = result.run is not None and plain and not (every or args.modes)
         found = result.history(
@@ -293,7 +295,7 @@ def _traces(args: argparse.Namespace, result: "Result") -> Written:
     plain = found.over_time and found.quantity == VON_MISES
     kind = "traces" if plain else found.quantity.lower().replace(" ", "_")
     kind = kind if found.over_time else f"modes_{kind}"
-    output: Path = args.output or Path(f"{result.path.stem}_{kind}.csv")
+    output: Path = args.output or Path(f"{result.source.path.stem}_{kind}.csv")
     rows = (
         row
         for first in range(0, len(table["node"]), _ROWS_AT_ONCE)
@@ -361,7 +363,7 @@ def _nothing_chosen(args: argparse.Namespace, result: "Result") -> bool:
     if args.afferents:
         wants = "--afferents needs one"
     if args.afferents or args.output or args.quantity or args.resample_ms or args.modes:
-        raise UsageError(f"{result.path}: no run.toml beside it; {wants}")
+        raise UsageError(f"{result.source.path}: no run.toml beside it; {wants}")
     return True
 
 
@@ -375,7 +377,7 @@ def _ways(args: argparse.Namespace, result: "Result") -> list[str]:
     for option, given in (("stress", args.stress_unit), ("length", args.length_unit)):
         command += f" --{option}-unit {given}" if given else ""
     problem = ""
-    for partial in dict.fromkeys((result.options.partial, True)):
+    for partial in dict.fromkeys((result.source.options.partial, True)):
         try:
             asked = result.reading(partial=partial, log=None)
             number, across, found = asked.largest_node()
@@ -400,7 +402,7 @@ def _sides(args: argparse.Namespace, result: "Result") -> Written:
 
     nodes = dict.fromkeys(args.node)
     found = [side for node in nodes for side in result.source.sides(node, args.one_sided)]
-    output: Path = args.output or Path(f"{result.path.stem}_sides.csv")
+    output: Path = args.output or Path(f"{result.source.path.stem}_sides.csv")
     stresses = ["von_mises_pa", *(f"{name}_pa" for name in TENSOR)]
     samples = (
         (time_ms, side.node, side.name, *stress_pa)
@@ -430,7 +432,7 @@ def _table(args: argparse.Namespace, result: "Result") -> Written:
     from fembridge.errors import UsageError
     from fembridge.results.byte_file import suffix_of
 
-    path, suffix = result.path, suffix_of(result.path)
+    path, suffix = result.source.path, suffix_of(result.source.path)
     quantity, plot = _one_quantity(args, path), suffix == ".txt"
     if quantity and suffix != ".dat":
         raise UsageError(f"{path}: --quantity is of a .dat")
@@ -444,7 +446,7 @@ def _table(args: argparse.Namespace, result: "Result") -> Written:
     }
     if plot:
         return summary, f"{rows} rows of {', '.join(columns)}; numbers as in the file", []
-    return summary | {"stress_unit": result.options.stress_unit}, f"{rows} rows", []
+    return summary | {"stress_unit": result.source.options.stress_unit}, f"{rows} rows", []
 
 
 def _field(args: argparse.Namespace, result: "Result") -> Written:
@@ -453,7 +455,7 @@ def _field(args: argparse.Namespace, result: "Result") -> Written:
 
     found = result.source.field(args.field, args.increment)
     name = f"{found.name.lower().replace(' ', '_')}_{found.step}_{found.increment}"
-    output: Path = args.output or Path(f"{result.path.stem}_{name}.npz")
+    output: Path = args.output or Path(f"{result.source.path.stem}_{name}.npz")
     write_field(output, found)
     when = f"{found.axis} {found.axis_value:g}"
     if found.time_ms == found.time_ms:  # not NaN, as of a mode

@@ -43,20 +43,10 @@ class Result:
     run: RunFolder | None = None
     trouble: ResultError | None = None
 
-    @property
-    def path(self) -> Path:
-        """The file."""
-        return self.source.path
-
-    @property
-    def options(self) -> ReadOptions:
-        """How it is read."""
-        return self.source.options
-
     def reading(self, **changed: Any) -> "Result":  # noqa: ANN401 - fields of `ReadOptions`
         """The same open file, read with other options."""
         source = copy(self.source)
-        source.options = replace(self.options, **changed)
+        source.options = replace(self.source.options, **changed)
         return replace(self, source=source)
 
     def named_nodes(self) -> Sequence[int]:
@@ -105,7 +95,7 @@ class Result:
             held = replace(held, at=held.at - run.start_ms)
         word = VON_MISES if held.quantity == STRESS else held.quantity
         word = word if quantity is None else quantity.lower()
-        return held.taken(word, resample_ms, self.options.log)
+        return held.taken(word, resample_ms, self.source.options.log)
 
     def _from_start(self, held: History, run: RunFolder, even: bool) -> History:
         """The rows from the start of the stimulus on, which is time 0; on an `even` grid.
@@ -113,7 +103,7 @@ class Result:
         With a ramp the sample there is an increment of the file. Without one the model is
         stress-free at time 0 by definition, and that sample, exactly 0, is put in front.
         """
-        path, options = self.path, self.options
+        path, options = self.source.path, self.source.options
         if not held.over_time:
             raise ResultError(f"{held.form}: no history over time, no trace to take", path)
         last_ms, slack_ms = float(held.at.max()), STEP_TOLERANCE * run.dt_ms
@@ -176,9 +166,9 @@ class Result:
         elif self.run is not None:
             return [(place.afferent, place.node) for place in self.run.afferents]
         elif not (nodes := self.named_nodes()):
-            raise ResultError("no run.toml beside it: name the nodes to read", self.path)
+            raise ResultError("no run.toml beside it: name the nodes to read", self.source.path)
         if not nodes:
-            raise ResultError("no nodes to read", self.path)
+            raise ResultError("no nodes to read", self.source.path)
         return [(None, node) for node in nodes]
 
     def _refuse_another_deck(self, run: RunFolder) -> None:
@@ -191,11 +181,11 @@ class Result:
         with suppress(FembridgeError, OSError, KeyError):  # also: no TOML
             solved = read_toml(run.folder / SOLVER_FILE, FembridgeError)["deck_sha256"]
             now = sha256_of(run.deck)
-        if now and solved != now and self.path.resolve() == run.results.resolve():
+        if now and solved != now and self.source.path.resolve() == run.results.resolve():
             raise ResultError(
                 f"results of another deck than the {run.deck.name} beside them; solve it: "
                 f"fembridge run {run.folder}",
-                self.path,
+                self.source.path,
             )
 
 

@@ -138,7 +138,8 @@ def test_results_of_a_run_are_in_the_units_that_its_deck_was_built_with(here):
     assert (run.stress_unit, run.length_unit) == ("kPa", "m")
     run.results.write_bytes(b"    1C\n")
     with open_result(run) as result:
-        assert (result.options.stress_unit, result.options.length_unit) == ("kPa", "m")
+        options = result.source.options
+        assert (options.stress_unit, options.length_unit) == ("kPa", "m")
 
 
 def test_our_marc_deck_is_somebodys_own_model_too(here, noise, capsys):
