@@ -376,21 +376,17 @@ def _ways(args: argparse.Namespace, result: "Result") -> list[str]:
     command = f"fembridge ingest {shlex.quote(str(args.result))}"
     for option, given in (("stress", args.stress_unit), ("length", args.length_unit)):
         command += f" --{option}-unit {given}" if given else ""
-    problem = ""
-    for partial in dict.fromkeys((result.source.options.partial, True)):
-        try:
-            asked = result.reading(partial=partial, log=None)
-            number, across, found = asked.largest_node()
-        except FembridgeError as error:
-            problem = problem or str(error)
-            continue
-        command += f" --node {number}" + " --partial" * partial + " --across-materials" * across
-        lines = [f"{found.quantity} where it is largest:", f"  {command}"]
-        if found.uneven:
-            lines.append(f"  {command} --resample-ms {found.resample_ms:g}")
-        return lines
-    wants = "" if "--columns" in problem else "nothing at nodes to take: "
-    return [wants + problem]
+    try:
+        number, options, found = result.largest_node()
+    except FembridgeError as error:
+        wants = "" if "--columns" in str(error) else "nothing at nodes to take: "
+        return [wants + str(error)]
+    command += f" --node {number}"
+    command += "".join(f" --{name.replace('_', '-')}" for name, given in options.items() if given)
+    lines = [f"{found.quantity} where it is largest:", f"  {command}"]
+    if found.uneven:
+        lines.append(f"  {command} --resample-ms {found.resample_ms:g}")
+    return lines
 
 
 def _sides(args: argparse.Namespace, result: "Result") -> Written:

@@ -29,7 +29,7 @@ not seen.
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
@@ -134,7 +134,7 @@ class PostMesh:
 
 @dataclass(frozen=True, slots=True)
 class NodalQuantity:
-    """A quantity at all nodes in one increment: without `has_values` all are zero.
+    """A quantity at all nodes in one increment: without `numbers` all are zero.
 
     `is_complex` marks one with an imaginary part, which is not read.
     """
@@ -142,8 +142,8 @@ class NodalQuantity:
     name: str
     code: int
     components: int
-    has_values: bool
-    is_complex: bool = False
+    is_complex: bool
+    numbers: "_Numbers | None"
 
 
 class PostIncrement(NamedTuple):
@@ -164,9 +164,9 @@ class PostIncrement(NamedTuple):
     offset: int
 
     @property
-    def nodal(self) -> tuple[NodalQuantity, ...]:
+    def nodal(self) -> Sequence[NodalQuantity]:
         """Quantities at nodes."""
-        return tuple(quantity for quantity, _ in self.layout.nodal)
+        return self.layout.nodal
 
     @property
     def has_element_values(self) -> bool:
@@ -266,10 +266,10 @@ class PostFile:
         Where the file says that there is no data all is zero.
         """
         one = self.increments[row]
-        quantity, numbers = next(held for held in one.layout.nodal if held[0].name == name)
-        if numbers is None:
+        quantity = next(held for held in one.nodal if held.name == name)
+        if quantity.numbers is None:
             return np.zeros((self.nodes, quantity.components))
-        found: FloatArray = numbers.values(self._file, offset=one.offset)
+        found: FloatArray = quantity.numbers.values(self._file, offset=one.offset)
         return found
 
     def _walk(self) -> None:
@@ -906,9 +906,8 @@ _MODEL: dict[int, _ReadBlock] = {
 class _Layout:
     """Where the parts of an increment are that begins at byte `start`.
 
-    `integers` and `reals` are its verification data; a quantity of `nodal` has None where
-    the file has no data. Increments of a run are equal to the byte, but for their values:
-    one layout serves all.
+    `integers` and `reals` are its verification data. Increments of a run are equal to the byte,
+    but for their values: one layout serves all.
     """
 
     start: int
@@ -916,7 +915,7 @@ class _Layout:
     integers: _Numbers | None = None
     reals: _Numbers | None = None
     element_values: _Numbers | None = None
-    nodal: list[tuple[NodalQuantity, _Numbers | None]] = field(default_factory=list)
+    nodal: list[NodalQuantity] = field(default_factory=list)
 
 
 def _integers(records: _Records, layout: _Layout) -> None:
@@ -937,7 +936,7 @@ def _element_values(records: _Records, layout: _Layout) -> None:
 
 
 def _nodal(records: _Records, layout: _Layout) -> None:
-    found: list[tuple[NodalQuantity, _Numbers | None]] = []
+    found = []
     count, _ = records.integers(2)
     for _ in range(count):
         name, at = records.text(), records.at
@@ -950,8 +949,7 @@ def _nodal(records: _Records, layout: _Layout) -> None:
             place = records.flow(layout.post.nodes, components)
             if is_complex:
                 records.flow(layout.post.nodes, components)
-        held = place is not None
-        found.append((NodalQuantity(name, words[0], components, held, is_complex), place))
+        found.append(NodalQuantity(name, words[0], components, is_complex, place))
     layout.nodal = found
 
 

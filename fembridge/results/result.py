@@ -132,24 +132,26 @@ class Result:
         at_ms: FloatArray = np.arange(at.size, dtype=np.float64) * step_ms
         return replace(since, at=at_ms, step_ms=step_ms)
 
-    def largest_node(self) -> tuple[int, bool, History]:
-        """The node where what is taken by default is largest at the end, and its history.
+    def largest_node(self) -> tuple[int, Mapping[str, bool], History]:
+        """The node where what is taken by default is largest at the end; options; its history.
 
-        Inside one material where there is such a node; whether it is not comes second.
+        The options are those that its reading takes: of a whole file before a partial one, inside
+        one material where there is such a node.
         """
-        for across in (False, True):
-            asked = self.reading(across_materials=across)
-            try:
-                last = asked.source.history(None, last=True)
-            except ResultError:
-                if across:
-                    raise
-                continue
-            last = last.derived(VON_MISES if last.quantity == STRESS else last.quantity)
-            sizes = [abs(value) for _, value in last.peaks()]
-            node = last.nodes[sizes.index(max(sizes))]
-            return node, across, asked.history([node])
-        raise AssertionError
+        problems = []
+        for partial in dict.fromkeys((self.source.options.partial, True)):
+            for across in (False, True):
+                options = {"partial": partial, "across_materials": across}
+                asked = self.reading(**options, log=None)
+                try:
+                    last = asked.source.history(None, last=True)
+                    last = last.derived(VON_MISES if last.quantity == STRESS else last.quantity)
+                    sizes = [abs(value) for _, value in last.peaks()]
+                    node = last.nodes[sizes.index(max(sizes))]
+                    return node, options, asked.history([node])
+                except FembridgeError as error:
+                    problems += [error] * across
+        raise problems[0]
 
     def _places(
         self,

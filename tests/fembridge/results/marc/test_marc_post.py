@@ -1,6 +1,5 @@
 """Post files of Marc: written from random models and read again, damaged, recorded."""
 
-import dataclasses
 import os
 import struct
 from contextlib import ExitStack
@@ -160,13 +159,10 @@ def check_increment(storage, model, expected, post, found):
             values = post.element_values(found.row, some)
             assert_array_equal(values, whole[some])
     for quantity, held in zip(expected.nodal, found.nodal, strict=True):
-        assert dataclasses.astuple(held) == (
-            quantity.name,
-            quantity.code,
-            quantity.components,
-            quantity.values is not None,
-            quantity.imaginary,
-        )
+        for name in ("name", "code", "components"):
+            assert getattr(held, name) == getattr(quantity, name)
+        assert held.is_complex == quantity.imaginary
+        assert (held.numbers is None) == (quantity.values is None)
         whole = np.zeros((len(model.node_ids), quantity.components))
         if quantity.values is not None:
             whole = storage.kept(quantity.values)
