@@ -885,9 +885,7 @@ class FrdSource(FieldSource[FrdBlock]):
             first, *_ = blocks = index.named(name)
             kind = storage[first.form.flag]
             quantities.append(self.quantity_table(name, blocks, self._nodes_of(first), kind))
-        return {
-            "format": "ccx-frd",
-            "bytes": index.size,
+        return super().describe() | {
             "mesh_nodes": None if index.nodes is None else index.nodes.records,
             "elements": None if index.elements is None else index.elements.records,
             "materials": dict(sorted(index.materials.items())),

@@ -236,9 +236,7 @@ class MarcSource(FieldSource[MarcBlock]):
             for name, one in output.items():
                 blocks.setdefault(name, []).append(one)
         storage = "text" if post.kind == "t19" else post.precision
-        return {
-            "format": f"marc-{post.kind}",
-            "bytes": self.file.size,
+        return super().describe() | {
             "mesh_nodes": int(mesh.node_ids.size),
             "elements": int(counts.sum()),
             "materials": {},

@@ -136,9 +136,7 @@ class PlotSource(Source):
         """Tables, columns and nodes of a plot."""
         tables, doubt = self._read
         unnamed = "" if tables[0].is_named else "its columns have no names"
-        return {
-            "format": "mentat-plot",
-            "bytes": self.file.size,
+        return super().describe() | {
             "tables": len(tables),
             "rows": sum(len(table.values) for table in tables),
             "columns": list(tables[0].labels),
