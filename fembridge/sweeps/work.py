@@ -21,6 +21,7 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict, dataclass
 from functools import cache, cached_property
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -360,14 +361,10 @@ def _answers_of(simulation: Simulation) -> Iterator[tuple[str, str, float, int, 
     for train in simulation.trains:
         inside = spikes_inside(train.times_ms, windows[train.stimulus])
         spikes[train.stimulus, train.afferent] += inside
-    peaks = {
-        (stimulus.id, str(trace.afferent)): float(trace.stress_pa.max())
-        for stimulus, row in zip(simulation.stimuli, simulation.traces, strict=True)
-        for trace in row
-    }
-    for rate in simulation.mean_rates:
+    traces = chain.from_iterable(simulation.traces)
+    for rate, trace in zip(simulation.mean_rates, traces, strict=True):
         key = rate.stimulus, rate.afferent
-        yield (*key, rate.rate_ips, spikes[key], peaks[key])
+        yield (*key, rate.rate_ips, spikes[key], float(trace.stress_pa.max()))
 
 
 def _mesh(task: Response, place: Path) -> Mesh:
