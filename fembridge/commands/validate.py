@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 EXAMPLE = "fembridge validate -o report"
 
 _FOLDER = "report"
-_FINGER = "quick"
 _FILES = ("response", "observed", "thresholds", "spikes", "impulses", "distance")
-_PARAMETERS = "fitted"  # neural.parameter_sets.DEFAULT_SET, which takes NumPy to import
+# The parameters are neural.parameter_sets.DEFAULT_SET, which takes NumPy to import.
+_DEFAULTS = {"finger": "quick", "parameters": "fitted"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,18 +37,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     skin = parser.add_mutually_exclusive_group()
     skin.add_argument(
         "--finger",
-        default=_FINGER,
+        default=_DEFAULTS["finger"],
         metavar="quick|paper|FILE.toml",
         help="3 100 or 17 702 elements, or a finger of your own, which is solved "
-        f"(default: {_FINGER})",
+        "(default: %(default)s)",
     )
     add_from(skin, api.validate, "response")
     parser.add_argument(
         "--parameters",
-        default=_PARAMETERS,
+        default=_DEFAULTS["parameters"],
         metavar="NAME|FILE.toml",
         help="the model to compare: published, fitted or a file; the published one is "
-        f"shown beside it (default: {_PARAMETERS})",
+        "shown beside it (default: %(default)s)",
     )
     parser.add_argument(
         "--thresholds",
@@ -97,17 +97,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def command_line(args: argparse.Namespace) -> str:
-    """Line that does the same again; of an absolute path to observed rates the name."""
+    """Line that does the same again; of an absolute path the name."""
     from pathlib import Path
 
     words = ["fembridge", "validate", "-o", str(args.output)]
-    for name in _FILES:
-        if (file := getattr(args, name)) is not None:
-            words += [f"--{name}", Path(file).name if Path(file).is_absolute() else file]
-    if args.finger != _FINGER:
-        words += ["--finger", args.finger]
-    if args.parameters != _PARAMETERS:
-        words += ["--parameters", args.parameters]
+    for name in (*_FILES, *_DEFAULTS):
+        if (word := getattr(args, name)) != _DEFAULTS.get(name):
+            words += [f"--{name}", Path(word).name if Path(word).is_absolute() else word]
     return shlex.join(words)
 
 

@@ -80,7 +80,6 @@ PAGE = "index.html"
 RECORD = "validation.toml"
 
 _RATES_IN = 1.25
-_ANSWERING = ("judged", "fingertip")
 _TIMING_HEADS = {
     "impulses_per_cycle": "impulses a cycle",
     "model_unit_impulses": "most alike cell",
@@ -150,11 +149,9 @@ def page_text(study: Validation, command: str, folder: Path) -> str:
     observed = study.rates.reference() == OBSERVED
     cells = study.agreement
     judged = (cells.source == study.judged.name) & (cells["set"] == EVERY_SET)
-    known = cells[judged & cells.meets_paper.notna()]
-    simulation = study.simulations[study.judged.name]
     return rendered(
         "validation.html.j2",
-        {"rows": _table_html},
+        {"rows": _table_html, "timing": _timing_frame, "tuning": _tuning_frame},
         study=study,
         command=command,
         figures={
@@ -163,27 +160,20 @@ def page_text(study: Validation, command: str, folder: Path) -> str:
         families=[_family(study, family) for family in FAMILIES],
         observed=observed,
         constants={**vars(rates), **vars(validate), **vars(threshold)},
+        known=study.evidence,
         summary=_summary_frame(study, study.rates.reference()),
         touchsim=_summary_frame(study, TOUCHSIM),
-        goals_met=[int(known[name].sum()) for name in ("meets_paper", "meets_goal")],
-        goals_known=len(known),
+        goals=cells[judged & cells.meets_paper.notna()],
         shortfalls=shortfalls(study),
         sources=_source_frame(study),
-        raster_cells=validate.cells_of(simulation),
+        raster_cells=validate.cells_of(study.simulations[study.judged.name]),
         tables=_threshold_frames(study),
         half_mm=float(half_mm),
         convergence=_convergence_frame(study),
-        cited=study.evidence.sources,
         unlike=study.judged.unlike(study.response),
         held_out=_held_out_frame(study),
         fingertip_shortfalls=fingertip_shortfalls(study),
         fingertip_agreement=_fingertip_frame(study),
-        timing={name: _timing_frame(getattr(study.evidence, name).timing) for name in _ANSWERING},
-        timing_near=[
-            int(study.evidence.judged.timing[name].sum())
-            for name in ("strengths_near", "impulses_near")
-        ],
-        tuning={name: _tuning_frame(getattr(study.evidence, name).tuning) for name in _ANSWERING},
         ramp_facts=_ramp_facts(),
     )
 
@@ -627,13 +617,12 @@ def rasters_figure(
     recorded: Sequence[SpikeTrain] = (),
 ) -> "Figure":
     """Spikes of Fig. 3 (a), `recorded` trains of the same stimuli in rows of their own."""
-    rows = list(dict.fromkeys(train.stimulus for train in trains))
-    theirs = [
-        replace(t, stimulus=f"{t.stimulus}, {OBSERVED}") for t in recorded if t.stimulus in rows
-    ]
-    there = [name for row in rows for name in (row, f"{row}, {OBSERVED}")
-             if name == row or name in {train.stimulus for train in theirs}]  # fmt: skip
-    return raster_figure([*trains, *theirs], stimuli=there, waveform=strongest)
+    order = list(dict.fromkeys(train.stimulus for train in trains))
+    mine = [train for train in recorded if train.stimulus in order]
+    every = [*trains, *(replace(one, stimulus=f"{one.stimulus}, {OBSERVED}") for one in mine)]
+    rows = {train.stimulus for train in every}
+    stimuli = sorted(rows, key=lambda row: (order.index(row.partition(",")[0]), row))
+    return raster_figure(every, stimuli=stimuli, waveform=strongest)
 
 
 @in_style

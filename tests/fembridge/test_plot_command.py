@@ -149,6 +149,7 @@ def test_a_single_stimulus_brings_its_waveform_and_its_window(here, monkeypatch)
     assert raster_arguments(monkeypatch, *words)["window_ms"] == (5.0, 50.0)
 
 
+@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize(
     ("words", "shown"),
     [
@@ -163,16 +164,11 @@ def test_a_single_stimulus_brings_its_waveform_and_its_window(here, monkeypatch)
         (["mesh", "--probe-diameter-mm", "0"], "diameter_mm"),
     ],
 )
-def test_misuse_is_2_in_one_line_and_draws_nothing(here, capsys, words, shown):
-    before = set(here.iterdir())
-    assert main(["plot", *words]) == 2
-    streams = capsys.readouterr()
-    assert shown in streams.err
-    assert "Traceback" not in streams.err
-    assert streams.out == ""
-    assert set(here.iterdir()) == before
+def test_misuse_is_2_in_one_line_and_draws_nothing(refused, words, shown):
+    refused(["plot", *words], shown)
 
 
+@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize(
     ("words", "code", "shown"),
     [
@@ -183,13 +179,8 @@ def test_misuse_is_2_in_one_line_and_draws_nothing(here, capsys, words, shown):
         (["stimulus", "sine_20_250", "-o", "spikes.csv/a.png"], 1, "a file stands where"),
     ],
 )
-def test_what_cannot_be_drawn_is_one_line(here, capsys, words, code, shown):
-    before = set(here.iterdir())
-    assert main(["plot", *words]) == code
-    streams = capsys.readouterr()
-    assert shown in streams.err
-    assert streams.err.count("\n") == 1
-    assert set(here.iterdir()) == before
+def test_what_cannot_be_drawn_is_one_line(refused, words, code, shown):
+    refused(["plot", *words], shown, code)
 
 
 @pytest.mark.usefixtures("unrendered")
@@ -283,7 +274,7 @@ def test_rates_are_drawn_beside_those_observed_and_touchsims(out, capsys):
         (["rates", "docs.csv"], 2, "docs.csv: rates of several fingers"),
     ],
 )
-def test_what_is_absent_or_ambiguous_is_said_in_one_line(here, capsys, words, code, shown):
+def test_what_is_absent_or_ambiguous_is_said_in_one_line(here, refused, words, code, shown):
     for name in ("empty", "many/a", "many/b"):
         (here / name).mkdir(parents=True)
     for name in ("many/a", "many/b"):
@@ -292,8 +283,4 @@ def test_what_is_absent_or_ambiguous_is_said_in_one_line(here, capsys, words, co
     head = "skin.dermis_mm,stimulus,afferent,rate_ips,status\n"
     rows = "1,sine_20_250,SA,25,done\n2,sine_20_250,SA,26,done\n"
     Path("docs.csv").write_text(head + rows)
-    assert main(["plot", *words]) == code
-    streams = capsys.readouterr()
-    assert shown in streams.err
-    assert streams.err.count("\n") == 1
-    assert streams.out == ""
+    refused(["plot", *words], shown, code)

@@ -2,7 +2,6 @@
 
 import csv
 import hashlib
-import math
 import re
 import shlex
 import tomllib
@@ -102,71 +101,55 @@ def test_names_of_a_user_do_not_become_markup(study, undrawn, tmp_path):
     assert "<code>a &lt; b &amp; c" in text
 
 
-def summary_rows(tables):
-    """Cells of the summary by family and class: its heads and row heads apart."""
+def by_place(rows):
+    """Cells of a table by family and class: its two heads and the heads of rows apart."""
     family, found = None, {}
-    for row in tables["summary"][2:]:
-        if len(row) % 4 == 0:  # two heads, 4 numbers of each of 3 sources, two goals
+    for row in rows[2:]:
+        if row[0] not in AFFERENTS:
             family, row = row[0].partition(" (")[0], row[1:]
         found[family, row[0]] = row[1:]
     return found
 
 
-def test_the_summary_shows_what_the_table_beside_it_holds(tables, report):
-    found = {
-        (row["source"], row["family"], row["afferent"]): row
+@pytest.mark.parametrize(
+    ("table", "sources"),
+    [
+        ("summary", ("own", "published", "TouchSim")),
+        ("fingertip_agreement", ("own", "fingertip", "TouchSim")),
+    ],
+)
+def test_a_table_of_agreement_shows_what_the_table_beside_it_holds(tables, report, table, sources):
+    """Of each family against observed rates, or in the second against TouchSim's without any."""
+    rows = {
+        (row["reference"], row["source"], row["family"], row["afferent"]): row
         for row in rows_of(report / "agreement.csv")
-        if row["reference"] == "observed" and row["set"] == EVERY_SET
+        if row["set"] == EVERY_SET
     }
-    compared = 0
-    shown = summary_rows(tables)
+    shown, compared = by_place(tables[table]), 0
     assert len(shown) == 9
-    for family in FAMILIES:
-        for afferent in AFFERENTS:
-            cells = shown[family.title, afferent]
-            for number, source in enumerate(("own", "published", "TouchSim")):
-                words = cells[4 * number : 4 * number + 4]
-                row = found[source, family.name, afferent]
-                if row["count"] == "0":
-                    assert words == ["none", "", "", ""]
-                    continue
-                compared += 1
-                numbers = [float(w.replace("−", "-").strip("<")) for w in words]
-                names = ("r_squared", "p_value", "rmse_ips", "bias_ips")
-                expected = [float(row[name]) for name in names]
-                expected[1] = max(expected[1], 0.001)
-                for value, target, half in zip(
-                    numbers, expected, (5e-3, 5e-4, 0.05, 0.05), strict=True
-                ):
-                    assert abs(value - target) <= half * 1.001
-    assert compared == 3 * (3 + 1)
-
-
-def test_the_whole_fingertip_stands_beside_the_section_family_by_family(tables, report):
-    """Of each family the root mean square from observed rates, or TouchSim's without any."""
-    rates = {}
-    for row in rows_of(report / "rates.csv"):
-        of_family = rates.setdefault((row["source"], row["family"], row["afferent"]), {})
-        of_family[row["stimulus"]] = float(row["rate_ips"])
-    rows = tables["fingertip_agreement"][2:]
-    assert len(rows) == len(FAMILIES) * len(AFFERENTS)
-    for (family, afferent), cells in zip(product(FAMILIES, AFFERENTS), rows, strict=True):
-        known = {source for source, name, _ in rates if name == family.name}
-        reference = "observed" if "observed" in known else "TouchSim"
-        target = rates.get((reference, family.name, afferent), {})
-        for source, words in zip(("own", "fingertip"), (cells[-12:-8], cells[-8:-4]), strict=True):
-            found = rates[source, family.name, afferent]
-            off_ips = [found[stimulus] - rate for stimulus, rate in target.items()]
-            if not off_ips:
-                assert words[0] == "none"
+    for family, afferent in product(FAMILIES, AFFERENTS):
+        reference = (
+            "TouchSim" if (family.name, table) == ("noise", "fingertip_agreement") else OBSERVED
+        )
+        for number, source in enumerate(sources):
+            words = shown[family.title, afferent][4 * number : 4 * number + 4]
+            row = rows.get((reference, source, family.name, afferent))
+            if row is None or row["count"] == "0":
+                assert words == ["none" if row else "", "", "", ""]
                 continue
-            rmse_ips = math.sqrt(sum(off**2 for off in off_ips) / len(off_ips))
-            assert abs(float(words[2]) - rmse_ips) <= 0.0501
+            compared += 1
+            numbers = [float(w.replace("−", "-").strip("<")) for w in words]
+            names = ("r_squared", "p_value", "rmse_ips", "bias_ips")
+            expected = [float(row[name]) for name in names]
+            expected[1] = max(expected[1], 0.001)
+            for half, *pair in zip((5e-3, 5e-4, 0.05, 0.05), numbers, expected, strict=True):
+                assert_allclose(*pair, rtol=0, atol=half * 1.001)
+    assert compared == 3 * (3 + 1) + (2 * 3 if reference == "TouchSim" else 0)
 
 
 def test_goals_are_marked_where_rates_were_observed_and_nowhere_else(tables):
     judged = {("Sinusoids", afferent) for afferent in AFFERENTS} | {("Diharmonics", "SA")}
-    for place, cells in summary_rows(tables).items():
+    for place, cells in by_place(tables["summary"]).items():
         assert set(cells[-2:]) <= ({"met", "not met"} if place in judged else {"–"}), place
 
 

@@ -263,15 +263,6 @@ def test_a_deck_prescribes_what_is_given_and_leaves_the_rest_free():
     assert [list(map(int, row)) for row in elements] == [[1, 1, 2, 5, 4], [2, 2, 3, 6, 5]]
 
 
-def test_a_neo_hookean_deck_has_half_the_shear_and_two_over_the_bulk_modulus():
-    text = problem(law="neo-hookean", large_strain=True).deck()
-    first, second = cards(text, "HYPERELASTIC")
-    assert_allclose([*map(float, second[0])], [0.5 * 0.8, 2 / (4 / 3)])
-    assert_allclose([*map(float, first[0])], [1 / 5.2, 2.4])
-    assert ", NLGEOM" in text
-    assert "NLGEOM" not in problem().deck()
-
-
 @pytest.fixture
 def compared():
     stress_pa = np.array([0.0, 100.0, 200.0, 100.0])
