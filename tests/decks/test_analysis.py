@@ -19,10 +19,6 @@ SKIN = mesh_of(QUICK)
 HALVES = ("CPE4", "CPE8R")
 
 
-def whole_of(stimulus, element):
-    return Model(QUICK, SKIN, element=element, support="prescribed").analysis(stimulus)
-
-
 def half_of(stimulus, element="CPE4", watched=None, **options):
     """`quick` with half of it asked for."""
     return Model(QUICK, SKIN, element=element, **options).analysis(stimulus, watched=watched)
@@ -31,7 +27,8 @@ def half_of(stimulus, element="CPE4", watched=None, **options):
 @pytest.fixture(scope="module", params=HALVES)
 def both(request, short):
     """Give a whole and its half."""
-    return whole_of(short, request.param), half_of(short, request.param)
+    half = half_of(short, request.param)
+    return half_of(short, request.param, support="prescribed"), half
 
 
 # ---- Contact

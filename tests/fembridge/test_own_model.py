@@ -36,12 +36,6 @@ def words(*more):
     return ["build-deck", "--stimulus", "noise_25_250_5", *more]
 
 
-def changed_lines(old, new):
-    """Lines at the start and at the end that both have, and what lies between."""
-    first = next(k for k, (a, b) in enumerate(zip(old, new, strict=False)) if a != b)
-    return old[:first], new[:first]
-
-
 def test_a_folder_holds_deck_waveform_and_what_was_changed(here, noise):
     base = read_base_deck(Path("mine.inp"))
     run, remarks = build_own_folder(here / "run", base, noise, Request(afferents=NODES))
@@ -55,9 +49,8 @@ def test_a_folder_holds_deck_waveform_and_what_was_changed(here, noise):
     np.testing.assert_allclose(depth_um, noise.displacement_um, rtol=1e-15)
     new = (here / "run/job.inp").read_bytes().splitlines()
     old = INP.read_bytes().splitlines()
-    before, same = changed_lines(old, new)
-    assert before == same
-    assert old[len(before) - 1].startswith(b"*AMPLITUDE")
+    first = next(k for k, (a, b) in enumerate(zip(old, new, strict=False)) if a != b)
+    assert old[first - 1].startswith(b"*AMPLITUDE")
 
 
 def test_the_verb_tells_what_it_changed_and_its_summary_lists_it(here, capsys):

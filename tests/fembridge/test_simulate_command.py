@@ -56,11 +56,6 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def inside(times_ms):
-    """Spikes in the window of a noise."""
-    return ((times_ms > 5.0) & (times_ms <= 250.0)).sum()
-
-
 def test_the_example_of_the_help_gives_six_files_a_table_and_one_note(here, capsys):
     assert main(["simulate", "--help"]) == 0
     example = capsys.readouterr().out.split("example: fembridge ")[1].split()
@@ -103,7 +98,7 @@ def test_the_fitted_population_is_that_of_a_pre_indented_probe(here):
         for quantile in quantiles(population.cells):
             stress_pa = trace.stress_pa / np.exp(population.spread * quantile)
             [times_ms] = encode(stress_pa, 0.5, replace(population, cells=1))
-            counts.append(inside(times_ms))
+            counts.append(((times_ms > 5.0) & (times_ms <= 250.0)).sum())
         assert rates[trace.afferent] == pytest.approx(np.mean(counts) / 0.245)
         assert (counts[0], counts[-1]) == (max(counts), min(counts))
     assert {train.repeat for train in trains if train.afferent == "PC"} == set(range(1, 11))

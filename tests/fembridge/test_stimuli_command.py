@@ -13,11 +13,6 @@ from fembridge.stimulus import Stimulus
 from fembridge.stimulus_file import FORMATS, write_marc_table, write_wav
 
 
-def depth_of(word, **options):
-    (entry,) = resolve(word)
-    return make_stimulus(entry, **options).displacement_um
-
-
 def summary(capsys, *words):
     assert main(["stimuli", *words, "--json"]) == 0
     return json.loads(capsys.readouterr().out)
@@ -125,7 +120,8 @@ def test_preindentation_and_seed_reach_the_file_and_the_summary(tmp_path, capsys
     words = ["--export", "npy", "noise_5_25_1", "--preindent-um", "500", "--seed", "3"]
     shown = summary(capsys, *words, "-o", str(tmp_path))["files"][0]
     assert (shown["seed"], shown["preindent_um"]) == (3, 500.0)
-    assert_array_equal(np.load(shown["file"]), depth_of("noise_5_25_1", preindent_um=500.0, seed=3))
+    made = make_stimulus(*resolve("noise_5_25_1"), preindent_um=500.0, seed=3)
+    assert_array_equal(np.load(shown["file"]), made.displacement_um)
 
 
 @pytest.mark.parametrize(

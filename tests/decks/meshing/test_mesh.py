@@ -61,17 +61,13 @@ def test_the_coarse_mesh_has_3100_elements_and_the_fine_one_as_many_as_the_paper
     assert abs(len(MESHES["paper"].quad) - 17815) < 0.01 * 17815
 
 
-def chord_loss_mm2(finger):
-    """Chords of length c cut the integral of curvature c^2/12 off: pi c^2/6 in all."""
-    return np.pi * finger.resolution.far_mm**2 / 6
-
-
 def test_layers_cover_the_section_and_no_more(name, mesh):
     expected = areas_mm2(PRESETS[name])
     found = {layer: mesh.area_mm2()[mesh.in_layer(layer)].sum() for layer in LAYERS}
     for layer in (*LAYERS[:3], "nail"):
         assert_allclose(found[layer], expected[layer], rtol=LAYER_RTOL[name])
-    loss_mm2 = chord_loss_mm2(PRESETS[name])
+    # Chords of length c cut the integral of curvature c^2/12 off: pi c^2/6 in all.
+    loss_mm2 = np.pi * PRESETS[name].resolution.far_mm ** 2 / 6
     assert_allclose(found["bone"], expected["bone"] - loss_mm2, atol=0.1 * loss_mm2)
     tissue = "subcutaneous_tissue"
     assert_allclose(found[tissue], expected[tissue], atol=loss_mm2)

@@ -37,11 +37,6 @@ WITH_STRESS = [name for name, row in EXPECTED.items() if "von_mises_at_nodes" in
 LENIENT = ReadOptions(partial=True, across_materials=True)
 
 
-def index_of(path):
-    with ByteFile(path) as file:
-        return FrdIndex(file)
-
-
 def test_the_samples_are_those_that_were_recorded():
     sums = tomllib.loads((SAMPLES / "RUN.toml").read_text())["sha256"]
     found = {name: hashlib.sha256((SAMPLES / name).read_bytes()).hexdigest() for name in sums}
@@ -50,7 +45,9 @@ def test_the_samples_are_those_that_were_recorded():
 
 @pytest.mark.parametrize("name", INDEXED)
 def test_the_index_lists_what_another_reader_listed(name):
-    index, expected = index_of(SAMPLES / name), EXPECTED[name]
+    expected = EXPECTED[name]
+    with ByteFile(SAMPLES / name) as file:
+        index = FrdIndex(file)
     found = [(block, block.records) for block in index.blocks]
     found += [(harm.block, harm.records) for harm in index.damage if harm.block]
     rows = [[b.name, *b.key, records, len(b.components), b.form.flag] for b, records in found]

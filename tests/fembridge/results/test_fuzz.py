@@ -182,13 +182,8 @@ def check_rows(path, numbers):
     return seen
 
 
-def check_sta(path, content, _):
-    read_quietly(read_sta, path)
-    return check_rows(path, numbers_of(content))
-
-
-def check_cvg(path, content, _):
-    read_quietly(read_cvg, path)
+def check_status(path, content, _):
+    read_quietly(read_sta if path.suffix == ".sta" else read_cvg, path)
     return check_rows(path, numbers_of(content))
 
 
@@ -213,8 +208,8 @@ KINDS = {
     "float64": ("job.frd", check_frd, 3, 0.15),
     "long exponents": ("job.frd", check_frd, 4, 0.1),
     "dat": ("job.dat", check_dat, 0, 0.15),
-    "sta": ("job.sta", check_sta, 0, 0.24),
-    "cvg": ("job.cvg", check_cvg, 0, 0.24),
+    "sta": ("job.sta", check_status, 0, 0.24),
+    "cvg": ("job.cvg", check_status, 0, 0.24),
     "deck": ("job.inp", check_deck, 0, 0.08),
 }
 TEXTS = {"dat": DAT, "sta": STA, "cvg": CVG, "deck": DECK}

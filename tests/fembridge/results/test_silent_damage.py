@@ -145,10 +145,6 @@ def test_a_step_without_stress_is_said(ingest, tmp_path):
     assert "left out: outputs without STRESS in step 1" in said
 
 
-def lines_of(path):
-    return path.read_bytes().decode().splitlines(keepends=True)
-
-
 TABLES = {
     ".sta": (FRD / "vib_cpe4_bin_f64.sta", 10, "rows are missing, duplicate or not in order"),
     ".cvg": (FRD / "vib_cpe4_bin_f64.cvg", 29, "rows are missing, duplicate or not in order"),
@@ -165,7 +161,7 @@ TABLES = {
 @pytest.mark.parametrize("how", ["lost", "duplicate"])
 def test_a_print_with_a_row_lost_or_duplicate_is_no_table(ingest, tmp_path, suffix, how):
     source, number, words = TABLES[suffix]
-    lines = lines_of(source)
+    lines = source.read_bytes().decode().splitlines(keepends=True)
     lines[number : number + (how == "lost")] = [] if how == "lost" else [lines[number]]
     path = tmp_path / f"job{suffix}"
     path.write_text("".join(lines), newline="")

@@ -173,7 +173,7 @@ def test_it_becomes_a_table_with_units_in_its_names(tmp_path):
 def test_cut_anywhere_it_gives_whole_rows_or_an_error(tmp_path_factory, cut):
     path = tmp_path_factory.getbasetemp() / "cut.sts"
     path.write_text((HEAD + ROW * 3 + END)[:cut])
-    whole = sts_row_of_text()
+    whole = StsRow(1, 3, 2, 0, 0, 12, 0, 1, 0, 0.5, 1.5, 2.5e-17, 0.075)
     try:
         found = read_sts(path)
     except ResultError:
@@ -181,7 +181,3 @@ def test_cut_anywhere_it_gives_whole_rows_or_an_error(tmp_path_factory, cut):
     else:
         assert set(found.rows) <= {whole}
         assert len(found.rows) == min(3, max(0, cut - len(HEAD)) // len(ROW))
-
-
-def sts_row_of_text():
-    return StsRow(1, 3, 2, 0, 0, 12, 0, 1, 0, 0.5, 1.5, 2.5e-17, 0.075)
