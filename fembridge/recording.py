@@ -8,14 +8,12 @@ Each library is imported by the function that needs it.
 """
 
 import hashlib
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -193,11 +191,8 @@ class Recording:
                 f"{path}: expected a name in {', '.join(suffixes)}"
                 + near_hint(path.suffix, suffixes)
             )
-        # HDF5 wants the lock that is on a draft, so it writes elsewhere.
-        with replacing(path) as draft, TemporaryDirectory(prefix="fembridge-") as scratch:
-            written = Path(scratch) / path.name
-            suffixes[path.suffix](self, written)
-            shutil.copyfile(written, draft)
+        with replacing(path) as draft:
+            suffixes[path.suffix](self, draft)
         return path
 
     def _write_npz(self, path: Path) -> None:
