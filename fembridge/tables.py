@@ -55,7 +55,6 @@ if TYPE_CHECKING:
 
 AFFERENTS = ("SA", "RA", "PC")
 
-TRACE_COLUMNS = ("time_ms", "afferent", "node", "von_mises_pa")
 _WHOSE = ("stimulus", "afferent", "unit", "node")
 TRACE_KEYS = ("time", "time_ms", "value", *_WHOSE)
 """What the columns of another table of traces can be."""
@@ -421,15 +420,11 @@ def with_unit(columns: Sequence[str], unit: bool) -> tuple[str, ...]:
     return (*columns[:2], *["unit"] * unit, *columns[2:])
 
 
-def read_rates(path: Path) -> list[Rate]:
-    """Rates of a table in its order, to the last digit."""
-    return rates_of(read_table(path, RATE_COLUMNS))
-
-
-def rates_of(table: "TextTable") -> list[Rate]:
-    """The same of a table that was read."""
+def read_rates(source: "Path | TextTable") -> list[Rate]:
+    """Rates of a table, a file or as it was read, in its order, to the last digit."""
     import pandas as pd
 
+    table = read_table(source, RATE_COLUMNS) if isinstance(source, Path) else source
     stimuli, afferents = table.words("stimulus"), table.choices("afferent", AFFERENTS)
     rates_ips = table.numbers("rate_ips", least=0).tolist()
     units = table.column("unit") if "unit" in table.header else [""] * len(rates_ips)

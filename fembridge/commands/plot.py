@@ -389,7 +389,7 @@ def _rates(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
 def _rates_in(path: Path) -> "list[Rate]":
     """Rates of a table, or of the one finger of a sweep's table that did not fail."""
     from fembridge.errors import UsageError
-    from fembridge.tables import RATE_COLUMNS, rates_of, read_table
+    from fembridge.tables import RATE_COLUMNS, read_rates, read_table
 
     table = read_table(path, RATE_COLUMNS)
     if "status" in table.header:
@@ -398,7 +398,7 @@ def _rates_in(path: Path) -> "list[Rate]":
         if len(set(whose)) < len(whose):
             found = "rates of several fingers, probes or methods, expected of one"
             raise UsageError(f"{path}: {found}; plot sensitivity compares fingers")
-    return rates_of(table)
+    return read_rates(table)
 
 
 def _stimulus(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
