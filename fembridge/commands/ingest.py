@@ -155,7 +155,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def _run(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
     from fembridge.errors import UsageError
     from fembridge.results.byte_file import suffix_of
-    from fembridge.results.readers import PRINTS
 
     path, suffix = result.source.path, suffix_of(result.source.path)
     if suffix == ".dat":  # of a Marc deck, too
@@ -163,8 +162,7 @@ def _run(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
 
         if is_marc_deck(path):
             return _deck(args, path)
-    printed = suffix in PRINTS and not (suffix == ".dat" and _at_nodes(args, result))
-    kind = _kind(args, result, printed)
+    kind = _kind(args, result)
     foreign = kind == "traces" and result.run is None
     if kind == "list" or (foreign and _nothing_chosen(args, result)):
         held = result.source.describe()
@@ -209,12 +207,13 @@ def _units_taken(
     return f"; stress in the file taken as {taken}{'' if asked else hint}"
 
 
-def _kind(args: argparse.Namespace, result: "Result", printed: bool) -> str:
+def _kind(args: argparse.Namespace, result: "Result") -> str:
     """What is asked for: list, vtu, field, table, point, sides or traces."""
     from fembridge.errors import UsageError
     from fembridge.results.byte_file import suffix_of
+    from fembridge.results.readers import PRINTS
 
-    path = result.source.path
+    path, suffix = result.source.path, suffix_of(result.source.path)
     given = {"--node": args.node, "--set": args.sets, "--near": args.near}
     by_node = [word for word, value in given.items() if value]
     given = {"--list": args.list, "--vtu": args.vtu, "--field": args.field, "--point": args.point}
@@ -223,10 +222,16 @@ def _kind(args: argparse.Namespace, result: "Result", printed: bool) -> str:
     word = asked[0] if asked else ""
     sides = args.one_sided is not None
     whole = word in ("--list", "--vtu", "--field")
+    printed = suffix in PRINTS
+    if suffix == ".dat" and not (args.point or args.quantity or args.list):
+        # Abaqus prints at nodes, too, and its runs are read there.
+        at_nodes = by_node or args.afferents
+        ours = result.run is not None and result.run.solver == "abaqus"
+        printed = not (at_nodes or ours)
     misuse = (
         (len(asked) > 1, " and ".join(asked[:2]) + " do not go together"),
         (printed and word not in ("", "--list", "--point"), f"{word} is for a .frd, .t16 or .t19"),
-        (args.point and suffix_of(path) != ".dat", "--point is for a .dat"),
+        (args.point and suffix != ".dat", "--point is for a .dat"),
         (args.increment != LAST and word != "--field", "--increment is for --field"),
         (args.derived and word != "--vtu", "--derived is for --vtu"),
         (
@@ -344,13 +349,6 @@ def _one_quantity(args: argparse.Namespace, path: Path) -> str | None:
     if args.quantity and len(args.quantity) > 1:
         raise UsageError(f"{path}: --quantity takes one name here, got {', '.join(args.quantity)}")
     return args.quantity[0] if args.quantity else None
-
-
-def _at_nodes(args: argparse.Namespace, result: "Result") -> bool:
-    """Whether traces at nodes are asked of a ``.dat``, which Abaqus prints, not its tables."""
-    chosen = args.node or args.sets or args.near or args.afferents
-    ours = result.run is not None and result.run.solver == "abaqus"
-    return bool(chosen or ours) and not (args.point or args.quantity or args.list)
 
 
 def _nothing_chosen(args: argparse.Namespace, result: "Result") -> bool:
