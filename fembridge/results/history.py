@@ -5,7 +5,6 @@ modes of a frequency or buckling step.
 """
 
 import re
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fembridge.errors import ResultError, TraceError, UsageError
-from fembridge.results.read_options import ReadOptions
 from fembridge.results.stress import DERIVED, TENSOR
 from fembridge.trace import (
     MS_PER_S,
@@ -317,26 +315,6 @@ def name_in(held: Sequence[str], wanted: str | None, path: Path) -> str:
         return close[0]
     what = f"{wanted!r} may be {' or '.join(close)}" if close else f"no {wanted} in it"
     raise ResultError(f"{what}; it holds {', '.join(held) or 'nothing'}", path)
-
-
-def one_axis(name: str, axes: Sequence[str], modes: bool, options: ReadOptions) -> str:
-    """The axis to take of those of the outputs of `name`: time, or `modes`; the others are noted.
-
-    Raises
-    ------
-    ResultError
-        There are no modes.
-    """
-    counts = Counter(axes)
-    others = [axis for axis in counts if axis != TIME]
-    if modes and not others:
-        raise UsageError(f"no modes of {name} in it, it is over time: without --modes")
-    axis = others[0] if others and (modes or TIME not in counts) else TIME
-    for left in counts.keys() - {axis}:
-        words = f"left out: {counts[left]} outputs of {name} over {left}"
-        take = "; --modes (modes=True) takes them" if axis == TIME else ""
-        options.note(words + take)
-    return axis
 
 
 def of_samples(samples: Sequence[tuple[int, FloatArray]], path: Path) -> History:

@@ -6,6 +6,7 @@ histories, fields and pictures follow from that here.
 """
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
@@ -34,7 +35,6 @@ from fembridge.results.history import (
     TIME,
     History,
     name_in,
-    one_axis,
 )
 from fembridge.results.read_options import NotFiniteError, ReadOptions
 from fembridge.results.stress import DERIVED, OneSidedStress
@@ -226,7 +226,7 @@ class FieldSource(Source, Generic[_Block]):
         outputs = self.outputs()
         name = self.history_name(names_in(outputs), quantity)
         blocks = [output[name] for output in self.having(outputs, (name,))]
-        axis = one_axis(name, [one.axis for one in blocks], modes, self.options)
+        axis = self._one_axis(name, [one.axis for one in blocks], modes)
         blocks = [one for one in blocks if one.axis == axis]
         first = blocks[-1] if last else blocks[0]
         blocks = [first] if last else blocks
@@ -258,6 +258,21 @@ class FieldSource(Source, Generic[_Block]):
             axis=axis,
             last_digit_ms=self.last_digit_ms,
         ).unrounded()
+
+    def _one_axis(self, name: str, axes: Sequence[str], modes: bool) -> str:
+        """The axis to take of those of the outputs of `name`: time, or `modes`; others are noted.
+
+        That there are no modes is a `UsageError`.
+        """
+        counts = Counter(axes)
+        others = [axis for axis in counts if axis != TIME]
+        if modes and not others:
+            raise UsageError(f"no modes of {name} in it, it is over time: without --modes")
+        axis = others[0] if others and (modes or TIME not in counts) else TIME
+        for left in counts.keys() - {axis}:
+            take = "; --modes (modes=True) takes them" if axis == TIME else ""
+            self.options.note(f"left out: {counts[left]} outputs of {name} over {left}{take}")
+        return axis
 
     def drop(self, block: _Block, error: NotFiniteError) -> None:
         """Note that `block` is left out, which only a partial reading does."""
@@ -325,7 +340,7 @@ class FieldSource(Source, Generic[_Block]):
             names = [self.field_name(names_in(outputs), one) for one in quantities]
             outputs = self.having(outputs, names)
         axes = [next(iter(output.values())).axis for output in outputs]
-        axis = one_axis(", ".join(names or ["any quantity"]), axes, modes, self.options)
+        axis = self._one_axis(", ".join(names or ["any quantity"]), axes, modes)
         drawn, scene = self.scene(
             [one for one, of in zip(outputs, axes, strict=True) if of == axis]
         )
