@@ -247,8 +247,6 @@ def simulate(
     """
     if method not in (AUTO, *METHODS):
         raise UsageError(f"method {method!r}, expected {AUTO}, {' or '.join(METHODS)}")
-    if not stimuli:
-        raise UsageError("no stimulus to simulate")
     reason = why_no_map(model, stimuli)
     if stored and (reason or method == "transient"):
         raise UsageError(f"a stored response answers no transient: {reason or 'leave one out'}")
@@ -279,14 +277,9 @@ def simulate(
                 check_cost(stimuli, model, settings, log, yes=yes)
             model, slip_percent = replace(model, contact=slip.contact), slip.closure_percent
     if response is None or method == "transient":
+        slips = slip_percent is not None
         traces, origin["contacts"] = solve_transients(
-            stimuli,
-            model,
-            folder,
-            settings,
-            log,
-            slips=slip_percent is not None,
-            parameters=kept,
+            stimuli, model, folder, settings, log, slips=slips, parameters=kept
         )
     else:
         method = "map"
