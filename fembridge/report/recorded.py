@@ -6,9 +6,9 @@ the whole fingertip are held to timing and thresholds too; the distance from a p
 theirs alone.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -56,11 +56,31 @@ _PIN_UM = np.geomspace(15.0, 900.0, 24)
 _NUMBERS = TIMING_COLUMNS[3:]
 _PHASE_BINS, _PHASE_PANELS = 10, 2
 
-# Parameters, and the response that they answer on.
-Answering: TypeAlias = tuple[ResponseMap, ParameterSet]
 
-# Spikes of each cell of a class under a stimulus.
-Spikes: TypeAlias = Callable[[str, Stimulus], list[FloatArray]]
+class Answering(NamedTuple):
+    """Parameters, and the response that they answer on."""
+
+    response: ResponseMap
+    model: ParameterSet
+
+    def spikes(self, afferent: str, stimulus: Stimulus, units: int = 0) -> list[FloatArray]:
+        """Spikes of each cell of a class, or of so many `units` that differ as those do."""
+        parameters = self.model.parameters[afferent]
+        if units and parameters.cells > 1:
+            parameters = replace(parameters, cells=units)
+        stress_pa = self.response.stress_pa(parameters, [stimulus])
+        [cells] = encode_cells(stress_pa, stimulus.dt_ms, parameters)
+        return cells
+
+    def vibrated(
+        self, row: Mapping[Any, Any], units: int = 0
+    ) -> tuple[list[FloatArray], tuple[float, float]]:
+        """Those under the vibration of a row, and the window of its whole cycles."""
+        frequency_hz = row["frequency_hz"]
+        stimulus = vibration(frequency_hz, row["amplitude_um"], self.model.preindent_um)
+        cycles = np.floor(stimulus.window_ms[1] * frequency_hz / 1000.0 + 1e-9)
+        window_ms = (0.0, cycles * 1000.0 / frequency_hz)
+        return self.spikes(row["afferent"], stimulus, units), window_ms
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,8 +131,6 @@ def gather(
     `trains` in that of the published timing.
     """
     own = own or {}
-    response, model = judged
-    preindent_um, spikes = model.preindent_um, _spikes(judged)
     known = {
         name: own.get(name) or published(name)
         for name in (THRESHOLDS, TIMING, PHASES, MAN, DISTANCE)
@@ -127,33 +145,18 @@ def gather(
     return Evidence(
         judged=_beside_recorded(judged, recorded, asked),
         fingertip=_beside_recorded(fingertip, recorded, asked),
-        phases=_phases(phases, preindent_um, spikes),
-        man=_man(known[MAN].table, response.deepest_um, preindent_um, spikes),
-        distance=_distance(known[DISTANCE].table, fingertip[1].parameters),
+        phases=_phases(phases, judged),
+        man=_man(known[MAN].table, judged),
+        distance=_distance(known[DISTANCE].table, fingertip.model.parameters),
         ramp=tuple(
             SpikeTrain(ramp.id, name, times_ms, repeat)
             for name in AFFERENTS
-            for repeat, times_ms in enumerate(spikes(name, ramp), start=1)
+            for repeat, times_ms in enumerate(judged.spikes(name, ramp), start=1)
         ),
         ramp_stimulus=ramp,
         sources=sources,
         trains=tuple(trains),
     )
-
-
-def _spikes(answering: Answering, units: int = 0) -> Spikes:
-    """Of the cells of the parameters, or of so many `units` that differ as those do."""
-    response, model = answering
-
-    def spikes(afferent: str, stimulus: Stimulus) -> list[FloatArray]:
-        parameters = model.parameters[afferent]
-        if units and parameters.cells > 1:
-            parameters = replace(parameters, cells=units)
-        stress_pa = response.stress_pa(parameters, [stimulus])
-        [cells] = encode_cells(stress_pa, stimulus.dt_ms, parameters)
-        return cells
-
-    return spikes
 
 
 def _beside_recorded(answering: Answering, recorded: "DataFrame", asked: "DataFrame") -> Beside:
@@ -208,36 +211,25 @@ def _numbers(
     )
 
 
-def _beside(recorded: "DataFrame", preindent_um: float, spikes: Spikes) -> "DataFrame":
+def _beside(recorded: "DataFrame", answering: Answering) -> "DataFrame":
     """`recorded` vibrations with the model's numbers beside them, in as many whole cycles."""
     from pandas import DataFrame
 
     rows = []
     for row in recorded.to_dict("records"):
-        cells, window_ms = _vibrated(row, preindent_um, spikes)
+        cells, window_ms = answering.vibrated(row)
         rows.append(_numbers(cells, row["frequency_hz"], window_ms))
     return recorded.join(DataFrame(rows, recorded.index, [f"model_{name}" for name in _NUMBERS]))
 
 
-def _vibrated(
-    row: Mapping[Any, Any], preindent_um: float, spikes: Spikes
-) -> tuple[list[FloatArray], tuple[float, float]]:
-    """Spikes of each cell under the vibration of a row, and the window of its whole cycles."""
-    frequency_hz = row["frequency_hz"]
-    stimulus = vibration(frequency_hz, row["amplitude_um"], preindent_um)
-    cycles = np.floor(stimulus.window_ms[1] * frequency_hz / 1000.0 + 1e-9)
-    return spikes(row["afferent"], stimulus), (0.0, cycles * 1000.0 / frequency_hz)
-
-
 def _timing(recorded: "DataFrame", answering: Answering) -> "DataFrame":
     """`_beside` with the cell that is most like the recorded unit of each class."""
-    preindent_um = answering[1].preindent_um
-    found = _beside(recorded, preindent_um, _spikes(answering))
+    found = _beside(recorded, answering)
     impulses = _NUMBERS[0]
     for _, unit in recorded.groupby("afferent"):
         of_cells = []
         for row in unit.to_dict("records"):
-            cells, window_ms = _vibrated(row, preindent_um, _spikes(answering, _UNITS))
+            cells, window_ms = answering.vibrated(row, _UNITS)
             of_cells.append([_numbers([one], row["frequency_hz"], window_ms)[0] for one in cells])
         theirs = unit[impulses].to_numpy()[:, np.newaxis]
         apart = abs(np.array(of_cells) - theirs) / np.maximum(theirs, 0.1)
@@ -274,31 +266,28 @@ def phases_of(trains: Sequence[SpikeTrain]) -> "DataFrame":
     return DataFrame(rows, columns=columns)
 
 
-def _phases(table: "DataFrame", preindent_um: float, spikes: Spikes) -> "DataFrame":
+def _phases(table: "DataFrame", answering: Answering) -> "DataFrame":
     """Shares of the spikes in bins of the cycle, recorded and of the model."""
     from pandas import DataFrame
 
     found = []
     keys = ["afferent", "frequency_hz", "amplitude_um"]
-    cells: list[tuple[Any, Any]] = [*table.groupby(keys, sort=False)]
-    for (afferent, frequency_hz, amplitude_um), mine in cells:
-        cycle_ms = 1000.0 / frequency_hz
-        together = np.concatenate(
-            spikes(afferent, vibration(frequency_hz, amplitude_um, preindent_um))
-        )
+    groups: list[tuple[Any, Any]] = [*table.groupby(keys, sort=False)]
+    for key, mine in groups:
+        cells, _ = answering.vibrated(dict(zip(keys, key, strict=True)))
+        together, cycle_ms = np.concatenate(cells), 1000.0 / key[1]
         starts_ms, recorded = (mine[name].to_numpy(float) for name in ("phase_ms", "spikes"))
         counts, _ = np.histogram(together % cycle_ms, bins=[*starts_ms, cycle_ms])
         shares = (one / max(one.sum(), 1) for one in (recorded, counts))
-        key = (afferent, frequency_hz, amplitude_um)
         found += [(*key, *row) for row in zip(starts_ms, *shares, strict=True)]
     return DataFrame(found, columns=[*keys, "phase_ms", "recorded", "model"])
 
 
-def _man(table: "DataFrame", deepest_um: float, preindent_um: float, spikes: Spikes) -> "DataFrame":
+def _man(table: "DataFrame", answering: Answering) -> "DataFrame":
     """Impulses a cycle in man and of the model, as far as its response reaches."""
-    table = table[table["amplitude_um"] <= deepest_um - preindent_um].reset_index(drop=True)
-    found = _beside(table, preindent_um, spikes)
-    return table.assign(model=found["model_impulses_per_cycle"])
+    deepest_um = answering.response.deepest_um - answering.model.preindent_um
+    table = table[table["amplitude_um"] <= deepest_um].reset_index(drop=True)
+    return table.assign(model=_beside(table, answering)["model_impulses_per_cycle"])
 
 
 def _distance(table: "DataFrame", parameters: Parameters) -> "DataFrame":

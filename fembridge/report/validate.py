@@ -27,7 +27,7 @@ from fembridge.report.rates import (
     rate_table,
     threshold_table,
 )
-from fembridge.report.recorded import Evidence, gather
+from fembridge.report.recorded import Answering, Evidence, gather
 from fembridge.response.deflection import (
     Deflection,
     convergence,
@@ -171,7 +171,7 @@ def validate(
         locking=locking_table(rates, {name: one.trains for name, one in simulations.items()}),
         deflections=deflections,
         convergence=convergence(deflections) if len(deflections) > 1 else (),
-        evidence=gather((response, judged), (pad, fingertip), facts, trains),
+        evidence=gather(Answering(response, judged), Answering(pad, fingertip), facts, trains),
     )
 
 

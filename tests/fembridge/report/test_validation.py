@@ -31,7 +31,7 @@ from fembridge.report.rates import (
     row_of,
     threshold_table,
 )
-from fembridge.report.recorded import gather, phases_of
+from fembridge.report.recorded import Answering, gather, phases_of
 from fembridge.report.shortfalls import fingertip_shortfalls, shortfalls
 from fembridge.report.validate import (
     judged_models,
@@ -314,7 +314,7 @@ def test_recorded_spikes_stand_in_the_place_of_the_published_timing(study, monke
     monkeypatch.setattr(recorded, "_distance", lambda *_: None)
     monkeypatch.setattr(recorded, "CURVE_HZ", (20.0,))
     few = Facts(published(THRESHOLDS).table[:1], "")
-    answering = stored_source("quick").response, study.judged
+    answering = Answering(stored_source("quick").response, study.judged)
     found = gather(answering, answering, {THRESHOLDS: few}, trains)
     assert set(found.judged.timing.afferent) == set(found.phases.afferent) == {"RA"}
     assert "given" in found.sources["timing_20hz"]
@@ -323,7 +323,7 @@ def test_recorded_spikes_stand_in_the_place_of_the_published_timing(study, monke
 def test_a_recorded_unit_stands_beside_the_cell_that_is_most_like_it(monkeypatch):
     """The unit is a cell of the model: one whose place is between those of the ten cells."""
     fitted = parameter_set("fitted")
-    answering = stored_source("quick").response, fitted
+    answering = Answering(stored_source("quick").response, fitted)
     cells = replace(fitted.parameters["RA"], cells=40)
     trains = []
     for amplitude_um in (34.74, 129.49, 250):
