@@ -30,13 +30,6 @@ def whole_run(folder):
     )
 
 
-@pytest.fixture
-def table(tmp_path):
-    """Give the table that ``run.toml`` of a whole run holds."""
-    whole_run(tmp_path).write()
-    return tomllib.loads((tmp_path / "run.toml").read_text(encoding="utf-8"))
-
-
 def test_a_run_folder_comes_back_as_it_was_written(tmp_path):
     run = whole_run(tmp_path)
 
@@ -99,8 +92,10 @@ def test_a_file_cut_before_its_inputs_is_refused(tmp_path, share):
         ("time", 5),
     ],
 )
-def test_a_key_that_is_absent_or_holds_what_no_run_has_is_named(tmp_path, table, key, value):
+def test_a_key_that_is_absent_or_holds_what_no_run_has_is_named(tmp_path, key, value):
     """None: the key is absent."""
+    whole_run(tmp_path).write()
+    table = tomllib.loads((tmp_path / "run.toml").read_text(encoding="utf-8"))
     *sections, last = key.split(".")
     section = table
     for name in sections:

@@ -1,6 +1,7 @@
 """Observed rates that were made of known parameters, so that a fit has an answer."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from decks.stimuli import resolve
@@ -31,41 +32,23 @@ def response():
 
 @pytest.fixture(scope="session")
 def known_rates(response):
-    """Rates of `KNOWN`, worked out apart from the fit."""
+    """A function that gives rates of `KNOWN` as observed ones, worked out apart from the fit."""
 
-    def rates(preindent_um, words=SINES + OTHERS, known=KNOWN):
-        classes = [place.afferent for place in response.places]
-        found = {}
-        for entry in resolve(words):
+    def rates(preindent_um):
+        classes, rows = [place.afferent for place in response.places], []
+        for entry in resolve(SINES + OTHERS):
             stimulus = make_stimulus(entry, preindent_um=preindent_um)
             traces = response.traces(stimulus)
-            for name, parameters in known.items():
+            for name, parameters in KNOWN.items():
                 stress_pa = traces[classes.index(name)].stress_pa[:, None]
                 cells = encode_cells(stress_pa, 0.5, parameters)[0]
-                window = stimulus.window_ms
-                found[entry.id, name] = np.mean([rate_ips(x, window) for x in cells])
-        return found
+                rate = np.mean([rate_ips(x, stimulus.window_ms) for x in cells])
+                rows.append((entry.id, name, rate))
+        return read_observed(pd.DataFrame(rows, columns=["stimulus", "afferent", "rate_ips"]))
 
     return rates
 
 
 @pytest.fixture(scope="session")
-def table(tmp_path_factory, known_rates):
-    """Writes a table of rates of `KNOWN`."""
-
-    def write(preindent_um=0.0, **options):
-        path = tmp_path_factory.mktemp("observed") / "rates.csv"
-        rows = [
-            f"{stimulus},{name},{float(rate)!r}\n"
-            for (stimulus, name), rate in known_rates(preindent_um, **options).items()
-        ]
-        path.write_text("stimulus,afferent,rate_ips\n" + "".join(rows))
-        return path
-
-    return write
-
-
-@pytest.fixture(scope="session")
-def observed(table):
-    """Rates of `KNOWN` as observed ones, at 75 um of pre-indentation."""
-    return read_observed(table(75.0))
+def observed(known_rates):
+    return known_rates(75.0)

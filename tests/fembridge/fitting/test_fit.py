@@ -15,30 +15,23 @@ from neural.models import model_named
 SHORT = {"evaluations": 200, "population": 20, "preindent_um": 75.0}
 
 
-@pytest.fixture(scope="module")
-def ra_run(observed, response):
-    settings = FitSettings(evaluations=1200, population=60, preindent_um=75.0)
-    return fit_afferents(observed, response, models("RA"), settings)
-
-
 def models(*names):
     return {name: model_named("rising", name) for name in names}
 
 
-def test_rates_of_known_parameters_are_found_again(ra_run):
-    [fit] = ra_run.fits
-    assert ra_run.finished
+def test_rates_of_known_parameters_are_found_again(observed, response):
+    settings = FitSettings(evaluations=1200, population=60, preindent_um=75.0)
+    run = fit_afferents(observed, response, models("RA"), settings)
+    [fit] = run.fits
+    assert run.finished
     assert fit.fitted.observed_ips.max() > 100.0
     assert fit.fitted.total.rmse_ips < 2.0
     assert_allclose(fit.parameters.step_pa, 7000.0, rtol=0.1)
 
 
-def test_rates_made_by_table_2_are_its_own_without_any_pre_indentation(table, response):
-    from fembridge.observed import read_observed
-
-    made = read_observed(table(0.0))
+def test_rates_made_by_table_2_are_its_own_without_any_pre_indentation(known_rates, response):
     settings = FitSettings(**SHORT)
-    [fit] = fit_afferents(made, response, models("SA"), settings).fits
+    [fit] = fit_afferents(known_rates(0.0), response, models("SA"), settings).fits
     assert_allclose(fit.published.predicted_ips, fit.published.observed_ips, rtol=1e-12)
     assert fit.published.total.rmse_ips == 0.0
 

@@ -31,24 +31,6 @@ def ingest(tmp_path, monkeypatch, capsys):
     return run
 
 
-@pytest.fixture
-def damaged_post(tmp_path):
-    """A recorded .t16 whose last block of a kind is damaged: its first record is cut short."""
-
-    def write(block):
-        content = bytearray((MARC / "nour_plastic.t16").read_bytes())
-        at = content.rindex(letters(f"=beg={block}")) + 280 + 4
-        assert content[at : at + 4] != b"\0\0\0\0"
-        # Another length, before and behind: no record of what has to be there.
-        length = int.from_bytes(content[at : at + 4], "little")
-        end = at + 4 + length
-        content[at : end + 4] = (4).to_bytes(4, "little") + bytes(4) + (4).to_bytes(4, "little")
-        (tmp_path / "job.t16").write_bytes(content)
-        return tmp_path / "job.t16"
-
-    return write
-
-
 WAYS = {
     "plastic": ("--field", "Plastic Strain"),
     "moved": ("--field", "Displacement"),
@@ -58,10 +40,15 @@ WAYS = {
 
 @pytest.mark.parametrize("block", ["52300", "52401"])
 @pytest.mark.parametrize("way", WAYS)
-def test_damaged_values_of_a_post_file_are_refused_whatever_is_asked(
-    ingest, damaged_post, tmp_path, block, way
-):
-    path = damaged_post(block)
+def test_damaged_values_of_a_post_file_are_refused_whatever_is_asked(ingest, tmp_path, block, way):
+    """The first record of the last block of a kind has another length, before it and behind."""
+    content = bytearray((MARC / "nour_plastic.t16").read_bytes())
+    at = content.rindex(letters(f"=beg={block}")) + 280 + 4
+    end = at + 4 + int.from_bytes(content[at : at + 4], "little")
+    assert end > at + 4
+    content[at : end + 4] = (4).to_bytes(4, "little") + bytes(4) + (4).to_bytes(4, "little")
+    path = tmp_path / "job.t16"
+    path.write_bytes(content)
     code, said = ingest(path, *WAYS[way])
     assert code == 1
     assert f"block {block}" in said

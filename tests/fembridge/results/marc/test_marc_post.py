@@ -4,7 +4,6 @@ import os
 import struct
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import post_writer as writer
@@ -361,12 +360,6 @@ def check_two_nodes(post):
     assert post.increments[0].time_s == 2.5
 
 
-@pytest.fixture
-def write_text(file):
-    """A function that writes a ``.t19`` and gives its path."""
-    return partial(file, "job.t19")
-
-
 @pytest.mark.parametrize(
     "change",
     [
@@ -377,9 +370,9 @@ def write_text(file):
     ],
     ids=["as it is", "CRLF", "padded", "empty lines"],
 )
-def test_exponents_without_a_letter_touching_numbers_and_any_line_ends_are_read(change, write_text):
+def test_exponents_without_a_letter_touching_numbers_and_any_line_ends_are_read(change, file):
     text = "".join(change(line) + "\n" for line in TWO_NODES.splitlines())
-    with opened_post(write_text(text)) as post:
+    with opened_post(file("job.t19", text)) as post:
         check_two_nodes(post)
 
 
