@@ -340,7 +340,6 @@ def test_asked_for_what_is_not_stored_no_install_line_is_named(tmp_path, model, 
 @pytest.mark.parametrize(
     ("stimuli", "change", "options", "found"),
     [
-        ([], None, {}, "no stimulus"),
         (ONE, None, {"method": "magic"}, "'magic'"),
         (ONE, None, {"method": "transient", "stored": True}, "stored response"),
         (ONE, soft, {"stored": True}, "dermis relaxes"),
