@@ -47,6 +47,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     if args.jobs is not None and args.jobs < 1:
         raise UsageError(f"--jobs is {args.jobs}, expected 1 or more")
+    versions = versions_here()
     with SolverBars() as bars:
         findings = verify(
             args.output,
@@ -56,7 +57,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             on_progress=bars,
             log=log,
         )
-    summary = write_report(args.output, findings, versions_here(), quick=args.quick)
+    summary = write_report(args.output, findings, versions, quick=args.quick)
     for study in summary["studies"]:
         passed = sum(check["passed"] for check in study["checks"])
         state = study["skipped"] or f"{passed} of {len(study['checks'])} checks"

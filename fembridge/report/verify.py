@@ -130,26 +130,11 @@ def verify(
     """Make the studies `names`, or all; findings by name, in the order of the page.
 
     Runs of the solver in `folder` that are whole are taken, so that what was stopped goes on
-    where it was. Figures are written as PNG as soon as they are made.
-
-    Parameters
-    ----------
-    jobs
-        Studies at the same time, each in a process of its own.
-    log
-        Called with a line for each step.
-
-    Raises
-    ------
-    MissingError
-        No solver; the message names the line that installs one.
-    SolverError, ResponseError
-        A run of the solver failed.
-    OutputError
-        `folder` cannot be written.
+    where it was. Figures are written as PNG as soon as they are made. `jobs` studies are made at
+    the same time, each in a process of its own; `log` gets a line for each step. Raises
+    SolverError, ResponseError: a run of the solver failed.
     """
     studies = studies_named(names)
-    versions_here()
     make_folder(folder)
     if jobs == 1 or len(studies) == 1:
         return {study.name: study.make(folder, quick, on_progress, log) for study in studies}
@@ -170,10 +155,7 @@ def verify(
 
 
 def versions_here() -> dict[str, str]:
-    """Versions that the numbers depend on.
-
-    Raises MissingError: there is no solver.
-    """
+    """Versions that the numbers depend on; a `MissingError` where there is no solver."""
     if find_ccx() is None:
         raise MissingError(
             "verify takes a solver, and there is no ccx on the PATH; "
@@ -187,10 +169,7 @@ def versions_here() -> dict[str, str]:
 def write_report(
     folder: Path, findings: Mapping[str, Finding], versions: Mapping[str, str], *, quick: bool
 ) -> Table:
-    """Write tables, summary and, last, the page; the figures are there. The summary.
-
-    Raises OutputError: `folder` cannot be written.
-    """
+    """Write tables, summary and, last, the page; the figures are there. The summary."""
     for finding in findings.values():
         for name, frame in finding.tables.items():
             text = frame.to_csv(index=False, lineterminator="\n")

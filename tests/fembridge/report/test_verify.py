@@ -87,7 +87,8 @@ def test_studies_come_in_the_order_of_the_page_and_have_one_name_each():
 def test_without_a_solver_the_line_that_installs_one_is_given(monkeypatch, tmp_path):
     monkeypatch.setattr(module, "find_ccx", lambda: None)
     with pytest.raises(MissingError, match="apt-get"):
-        verify(tmp_path, ["patch"])
+        command.run(arguments(tmp_path / "out"))
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_study_says_what_its_runs_cost_and_its_figure_is_a_file(made, tmp_path, small_finding):
