@@ -10,7 +10,6 @@ Below the folder of a sweep::
 
 import hashlib
 import sys
-import time
 from collections import deque
 from collections.abc import Mapping
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
@@ -19,6 +18,7 @@ from dataclasses import dataclass
 from datetime import timedelta
 from itertools import product
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -387,9 +387,7 @@ class _Shown(Bars):
         super().__init__(0.0, shows=shows)
         self.running: list[Task] = []
         self._names: dict[Path, str] = {}
-        self._total, self._done, self._failed = total, before, 0
-        self._before, self._says = before, shows
-        self._begin_s = time.monotonic()
+        self._total, self._before, self._done, self._failed = total, before, before, 0
         if shows and before and not self.on_terminal:
             self.print(f"{before} of {total} items are finished already")
         self._update()
@@ -414,16 +412,16 @@ class _Shown(Bars):
         """Count an item that is finished or failed."""
         self._done += not ended.cause
         self._failed += bool(ended.cause)
-        if self._says and ended.cause:
+        if self._shows and ended.cause:
             self.print(f"failed: {item}: {ended.cause}")
-        elif self._says and not self.on_terminal:
+        elif self._shows and not self.on_terminal:
             how = "finished elsewhere" if ended.before else f"{ended.wall_s:.1f} s"
             self.print(f"{self._done + self._failed}/{self._total} {item}: {how}")
         self._update()
 
     def interrupted(self) -> None:
         """Say what is kept."""
-        if self._says:
+        if self._shows:
             kept = f"{self._done} of {self._total} items are kept"
             self.print(f"{kept}; the same command goes on with them")
 
@@ -432,6 +430,6 @@ class _Shown(Bars):
         words = f"{self._done} done, {len(self.running)} running, {self._failed} failed"
         made = over - self._before
         if made and over < self._total:
-            left_s = (time.monotonic() - self._begin_s) * (self._total - over) / made
+            left_s = (perf_counter() - self._begin_s) * (self._total - over) / made
             words += f", {timedelta(seconds=round(left_s))} left"
         self.show("sweep", over / self._total, words)
