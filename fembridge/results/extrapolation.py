@@ -44,7 +44,6 @@ import numpy as np
 from fembridge.errors import DeckError, ResultError
 from fembridge.results.fields import Scene, SceneCells, numbers_near
 from fembridge.results.marc_post import PostMesh
-from fembridge.results.read_options import METHODS
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 UNKNOWN_LAYERS = "the file does not hold the materials of its elements"
@@ -120,16 +119,14 @@ def node_weights(number: int, nodes: int, stored: int, method: str) -> FloatArra
     nodes among them: rows are those with values, the first ones. `stored` is how many points
     the file has for each element: that of the type in it that has most; further ones of a
     smaller type are not looked at. A single one where the type has more is the element's
-    mean (inferred: the deck then has no ``all points``). `method` is one of `METHODS`.
+    mean (inferred: the deck then has no ``all points``). `method` is of `ReadOptions`.
 
     Raises
     ------
     ValueError
         The type is unknown and `method` is not "average"; the file has some of its
-        points and not all; the element has too few nodes; no such method.
+        points and not all; the element has too few nodes.
     """
-    if method not in METHODS:
-        raise ValueError(f"extrapolation {method!r}, expected {', '.join(METHODS)}")
     about = ELEMENT_TYPES.get(number)
     if about is None:
         if method != "average":

@@ -8,7 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
+from fembridge.errors import UsageError
 from fembridge.results.extrapolation import ELEMENT_TYPES, node_places, node_weights, point_places
+from fembridge.results.read_options import ReadOptions
 from fembridge.results.stress import von_mises_pa
 
 ROOT3, ROOT15 = math.sqrt(3), math.sqrt(15)
@@ -128,10 +130,11 @@ def test_translate_takes_the_nearest_points_and_average_all(number):
         ((999, 5, 2, "linear"), "999"),
         ((27, 8, 4, "average"), "27 .*9.* 4"),
         ((27, 4, 9, "average"), "27 .*4.* 8"),
-        ((11, 4, 4, "cubic"), "cubic"),
     ],
 )
 def test_what_is_not_known_is_refused_and_average_is_left(asked, found):
     with pytest.raises(ValueError, match=found):
         node_weights(*asked)
     assert node_weights(999, 3, 2, "average").tolist() == [[0.5, 0.5]] * 3
+    with pytest.raises(UsageError, match="'cubic', expected linear"):
+        ReadOptions(extrapolate="cubic")
