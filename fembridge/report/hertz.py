@@ -129,14 +129,38 @@ class Pressed:
     pressure_mpa: FloatArray
     von_mises_mpa: FloatArray
 
+    @property
+    def axis_share(self) -> FloatArray:
+        """Von Mises stress on the axis over that of the closed form."""
+        share: FloatArray = self.von_mises_mpa / self.form.von_mises_mpa(np.array(AXIS_MM))
+        return share
+
+    def to_row(self) -> dict[str, float]:
+        """What it gives, and how far it is off; of the axis where it is furthest."""
+        x2_mm2, pressure_mpa, form = self.x_mm**2, self.pressure_mpa, self.form
+        half_width_mm = float(2 * np.sqrt((pressure_mpa * x2_mm2).sum() / pressure_mpa.sum()))
+        inner = np.abs(self.x_mm) < _INNER_SHARE * form.half_width_mm
+        peak_mpa = float(np.sqrt(np.polyfit(x2_mm2[inner], pressure_mpa[inner] ** 2, 1)[1]))
+        off = self.axis_share - 1
+        return {
+            "element_mm": self.width_mm,
+            "elements": self.elements,
+            "force_n_per_mm": form.force_n_per_mm,
+            "half_width_mm": half_width_mm,
+            "half_width_percent": 100 * (half_width_mm / form.half_width_mm - 1),
+            "peak_mpa": peak_mpa,
+            "peak_percent": 100 * (peak_mpa / form.peak_mpa - 1),
+            "von_mises_percent": 100 * float(off[np.abs(off).argmax()]),
+        }
+
 
 def study(runs: Runs) -> Finding:
     """Press at three sizes of elements."""
     from pandas import DataFrame
 
     meshes = [_pressed(runs, count) for count in HALVINGS]
-    share = np.array([_axis_share(mesh) for mesh in meshes])
-    table = DataFrame([_row(mesh) for mesh in meshes])
+    share = np.array([mesh.axis_share for mesh in meshes])
+    table = DataFrame([mesh.to_row() for mesh in meshes])
     width, force = table.element_mm.to_numpy(), table.force_n_per_mm.to_numpy()
     columns = ["half_width_percent", "peak_percent", "von_mises_percent"]
     errors = table[columns].to_numpy()
@@ -169,37 +193,8 @@ def study(runs: Runs) -> Finding:
     )
 
 
-def _row(mesh: Pressed) -> dict[str, float]:
-    """What one mesh gives, and how far it is off; of the axis where it is furthest.
-
-    Half the width is that of the half ellipse with the same second moment, the peak the end
-    of the line of squared pressure over squared distance.
-    """
-    x_mm, pressure_mpa, form = mesh.x_mm, mesh.pressure_mpa, mesh.form
-    half_width_mm = float(2 * np.sqrt((pressure_mpa * x_mm**2).sum() / pressure_mpa.sum()))
-    inner = np.abs(x_mm) < _INNER_SHARE * form.half_width_mm
-    peak_mpa = float(np.sqrt(np.polyfit(x_mm[inner] ** 2, pressure_mpa[inner] ** 2, 1)[1]))
-    off = _axis_share(mesh) - 1
-    return {
-        "element_mm": mesh.width_mm,
-        "elements": mesh.elements,
-        "force_n_per_mm": form.force_n_per_mm,
-        "half_width_mm": half_width_mm,
-        "half_width_percent": 100 * (half_width_mm / form.half_width_mm - 1),
-        "peak_mpa": peak_mpa,
-        "peak_percent": 100 * (peak_mpa / form.peak_mpa - 1),
-        "von_mises_percent": 100 * float(off[np.abs(off).argmax()]),
-    }
-
-
-def _axis_share(mesh: Pressed) -> FloatArray:
-    """Von Mises stress on the axis over that of the closed form."""
-    share: FloatArray = mesh.von_mises_mpa / mesh.form.von_mises_mpa(np.array(AXIS_MM))
-    return share
-
-
 def _pressed(runs: Runs, halvings: int) -> Pressed:
-    analysis, stimulus = pressed(halvings)
+    analysis, stimulus = cylinder_on_block(halvings)
     runs.log(f"hertz: {analysis.title}, {len(analysis.mesh.quad)} elements")
     deck = calculix_deck(analysis).replace(*_PRINTS)
     increments = analysis.motion.increments
@@ -207,28 +202,19 @@ def _pressed(runs: Runs, halvings: int) -> Pressed:
     _, _, forces_n = read_node_print(folder / f"{JOB}.dat", "forces", "PROBE")
     lower_n = np.abs(forces_n[-1, analysis.probe_mesh.lower_node, 1])
     width_mm = element_mm(halvings)
-    x_mm, pressure_mpa = _gathered(analysis, lower_n, width_mm)
+    # The pressure of the probe's corners nearest to each node of the block.
+    at_mm = analysis.probe_mesh.node_mm[analysis.probe_mesh.lower_node, 0]
+    cell, of_corner = np.unique(np.rint(at_mm / width_mm), return_inverse=True)
     nodes = list(analysis.afferent.values())
     _, tensor_pa = read_values(folder / f"{JOB}.frd", nodes)
     return Pressed(
         width_mm=width_mm,
         elements=len(analysis.mesh.quad),
         form=Hertz(float(lower_n.sum())),
-        x_mm=x_mm,
-        pressure_mpa=pressure_mpa,
+        x_mm=cell * width_mm,
+        pressure_mpa=np.bincount(of_corner, lower_n) / width_mm,
         von_mises_mpa=von_mises_pa(tensor_pa[-1]) * 1e-6,
     )
-
-
-def _gathered(
-    analysis: Analysis, force_n: FloatArray, width_mm: float
-) -> tuple[FloatArray, FloatArray]:
-    """Places of the block's nodes, and the pressure of the probe's corners nearest to each."""
-    at_mm = analysis.probe_mesh.node_mm[analysis.probe_mesh.lower_node, 0]
-    cell = np.rint(at_mm / width_mm).astype(np.int64)
-    cells = np.arange(cell.min(), cell.max() + 1)
-    total_n = np.bincount(cell - cell.min(), weights=force_n, minlength=len(cells))
-    return cells * width_mm, total_n / width_mm
 
 
 def _figure(meshes: list[Pressed], errors: FloatArray, width: FloatArray) -> "Figure":
@@ -255,7 +241,7 @@ def _figure(meshes: list[Pressed], errors: FloatArray, width: FloatArray) -> "Fi
     return figure
 
 
-def pressed(halvings: int) -> tuple[Analysis, Stimulus]:
+def cylinder_on_block(halvings: int) -> tuple[Analysis, Stimulus]:
     """Analysis of the cylinder on the block whose elements were halved so often."""
     mesh = _block(halvings)
     stimulus = Stimulus("hertz", np.linspace(0.0, DEPTH_UM, INCREMENTS + 1), 1.0, (0.0, INCREMENTS))
@@ -309,10 +295,11 @@ def _ticks(halvings: int) -> FloatArray:
     reach = np.cumsum(COARSE_MM * _GROWTH ** np.arange(1, 60))
     count = int(np.searchsorted(reach, BLOCK_MM - EVEN_MM)) + 1
     far = EVEN_MM + reach[:count] * (BLOCK_MM - EVEN_MM) / reach[count - 1]
-    ticks = np.concatenate([even, far])
-    for _ in range(halvings):
-        ticks = np.sort(np.concatenate([ticks, 0.5 * (ticks[1:] + ticks[:-1])]))
-    return ticks
+    ticks, parts = np.concatenate([even, far]), 2**halvings
+    halved: FloatArray = np.interp(
+        np.arange(parts * (ticks.size - 1) + 1) / parts, np.arange(ticks.size), ticks
+    )
+    return halved
 
 
 def _cylinder(side_mm: float) -> ProbeMesh:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from decks.finger import Material
-from fembridge.report.hertz import E_STAR_MPA, MATERIAL, RADIUS_MM, Hertz, pressed
+from fembridge.report.hertz import E_STAR_MPA, MATERIAL, RADIUS_MM, Hertz, cylinder_on_block
 from fembridge.report.incompressibility import (
     INNER_MM,
     MOVED_MM,
@@ -60,7 +60,7 @@ def test_the_largest_shear_lies_where_johnson_has_it():
 
 @pytest.mark.parametrize("halvings", [0, 1])
 def test_each_mesh_of_the_block_has_the_nodes_of_the_one_before(halvings):
-    coarse, fine = (pressed(k)[0].mesh for k in (halvings, halvings + 1))
+    coarse, fine = (cylinder_on_block(k)[0].mesh for k in (halvings, halvings + 1))
     assert len(fine.quad) == 4 * len(coarse.quad)
     held = set(map(tuple, fine.node_mm.tolist()))
     assert all(tuple(node) in held for node in coarse.node_mm.tolist())
