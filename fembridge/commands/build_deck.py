@@ -10,7 +10,6 @@ unchanged to the byte but for the waveform, the increments and the output.
 """
 
 import argparse
-from collections.abc import Callable
 from typing import Any
 
 from decks.dialects import DIALECTS, INCREMENTS, PROBES, RESULTS
@@ -42,63 +41,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_from(parser, build_deck, parameters=("NAME", whose))
     parser.add_argument("--solver", choices=tuple(DIALECTS), help="whose deck (default: calculix)")
     add_output_option(parser, default="runs")
-    _add_deck_options(parser.add_argument_group("the deck of our finger"))
-    own = parser.add_argument_group("your own model")
-    whose = "a .inp of CalculiX or Abaqus, or a .dat of Marc; pre-indented only by --preindent-um"
-    own.add_argument("--base-deck", metavar="FILE", help=whose)
-    _add_own_options(own)
-
-
-def _add_own_options(group: argparse._ActionsContainer) -> None:
-    from fembridge.api import build_deck
-
-    group.add_argument(
-        "--afferent",
-        type=_afferent,
-        action=Several,
-        default=[],
-        metavar="SA=NODE",
-        help="the nodes of afferents. Without one, results of "
-        "all nodes are written and fembridge ingest asks which to read",
-    )
+    ours = parser.add_argument_group("the deck of our finger")
+    add_from(ours, build_deck, "finger")
+    add_probe_options(ours)
     add_from(
-        group,
-        build_deck,
-        amplitude=(
-            "NAME",
-            "the *AMPLITUDE, or Marc's table, that becomes the waveform (default: the "
-            "only one that moves something)",
-        ),
-        move=(
-            "NSET,DOF",
-            "the displacement that becomes the waveform, with an amplitude or without: "
-            "PROBE,2, or PROBE,-2 where the skin is on the negative side (default: the only one)",
-        ),
-        step=(
-            "N|NAME",
-            "the step by number, or Marc's load case by name, that it runs in "
-            "(default: the only one that uses it)",
-        ),
-        length_unit=(
-            tuple(LENGTH_UNITS),
-            "of the deck: with mm stress is in MPa, with m in Pa, with in in psi (default: as the "
-            "heading says, else mm)",
-        ),
-        increments=(
-            INCREMENTS,
-            "one a sample, or automatic: the solver may make them smaller where it has to, "
-            "and results come at the samples all the same",
-        ),
-    )
-
-
-def _add_deck_options(group: argparse._ActionsContainer) -> None:
-    from fembridge.api import build_deck
-
-    add_from(group, build_deck, "finger")
-    add_probe_options(group)
-    add_from(
-        group,
+        ours,
         build_deck,
         *SOLVING,
         element=(
@@ -129,7 +76,49 @@ def _add_deck_options(group: argparse._ActionsContainer) -> None:
         ),
     )
     six = "the same as --results text: six digits"
-    group.add_argument("--ascii", action="store_const", const="text", dest="results", help=six)
+    ours.add_argument("--ascii", action="store_const", const="text", dest="results", help=six)
+    own = parser.add_argument_group("your own model")
+    whose = "a .inp of CalculiX or Abaqus, or a .dat of Marc; pre-indented only by --preindent-um"
+    own.add_argument("--base-deck", metavar="FILE", help=whose)
+    own.add_argument(
+        "--afferent",
+        type=_afferent,
+        action=Several,
+        default=[],
+        metavar="SA=NODE",
+        help="the nodes of afferents. Without one, results of "
+        "all nodes are written and fembridge ingest asks which to read",
+    )
+    add_from(
+        own,
+        build_deck,
+        amplitude=(
+            "NAME",
+            "the *AMPLITUDE, or Marc's table, that becomes the waveform (default: the "
+            "only one that moves something)",
+        ),
+        move=(
+            "NSET,DOF",
+            "the displacement that becomes the waveform, with an amplitude or without: "
+            "PROBE,2, or PROBE,-2 where the skin is on the negative side (default: the only one)",
+        ),
+        step=(
+            "N|NAME",
+            "the step by number, or Marc's load case by name, that it runs in "
+            "(default: the only one that uses it)",
+        ),
+        length_unit=(
+            tuple(LENGTH_UNITS),
+            "of the deck: with mm stress is in MPa, with m in Pa, with in in psi (default: as the "
+            "heading says, else mm)",
+        ),
+        increments=(
+            INCREMENTS,
+            "one a sample, or automatic: the solver may make them smaller where it has to, "
+            "and results come at the samples all the same",
+        ),
+    )
+    parser.set_defaults(ours=ours, own=own)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -139,11 +128,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     remarks: list[str] = []  # said at the end
     words = words_of(args, build_deck)
     if args.base_deck is None:
-        if given := _given(args, _add_own_options):
+        if given := _given(args, args.own):
             raise UsageError(f"{', '.join(given)}: for --base-deck alone")
         words["probe"] = probe_from(args)
     else:
-        for each in _given(args, _add_deck_options):
+        for each in _given(args, args.ours):
             if each not in ("--results", "--frames"):
                 raise UsageError(f"{each} is for our finger; --base-deck brings its own")
         names = [name for name, _ in args.afferent]
@@ -175,13 +164,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {"finger": finger["name"], "solver": solver, "folders": rows}
 
 
-def _given(
-    args: argparse.Namespace, add_options_to: Callable[[argparse.ArgumentParser], None]
-) -> list[str]:
+def _given(args: argparse.Namespace, group: argparse._ArgumentGroup) -> list[str]:
     """Those of a group's options that are not as usual."""
-    group = argparse.ArgumentParser()
-    add_options_to(group)
-    usual = vars(group.parse_args([]))
+    usual = {action.dest: action.default for action in group._group_actions}
     return [option(name) for name in usual if getattr(args, name) != usual[name]]
 
 
