@@ -108,6 +108,12 @@ def finger_from(table: Mapping[str, Any], name: str) -> Finger:
     base = table.get("base", "quick")
     if not isinstance(base, str) or base not in PRESETS:
         raise FingerError(f"base {base!r}, expected one of {', '.join(PRESETS)}")
+    own = {key: value for key, value in table.items() if key != "base"}
+    return finger_with(replace(PRESETS[base], name=name), own)
+
+
+def finger_with(finger: Finger, table: Mapping[str, Any]) -> Finger:
+    """`finger` with what a TOML table says in place of its own."""
     for part, names in (("materials", LAYERS), ("afferents", SITES)):
         there = table.get(part)
         for key in there if isinstance(there, Mapping) else ():
@@ -116,8 +122,7 @@ def finger_from(table: Mapping[str, Any], name: str) -> Finger:
                     f"{part}: unknown key {key!r}, expected {', '.join(names)}"
                     + near_hint(str(key), names)
                 )
-    own = {key: value for key, value in table.items() if key != "base"}
-    finger = changed(replace(PRESETS[base], name=name), own, FingerError)
+    finger = changed(finger, table, FingerError)
     # The name is in decks and reports, and becomes a file's.
     printable = 0 < len(finger.name) <= _NAME_LENGTH and finger.name.isprintable()
     if not printable or finger.name.startswith((".", " ")) or set(finger.name) & set("/\\"):

@@ -34,11 +34,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from decks.finger import AfferentSite, Finger
-from decks.presets import PRESETS, finger_from, read_finger
+from decks.presets import PRESETS, finger_with, read_finger
 from decks.section import DepthOfArc, Section, section_of
 from fembridge.errors import FembridgeError, FingerError, UsageError
 from fembridge.response.indentation import LADDER
-from fembridge.store import read_toml
 from fembridge.typing import FloatArray, Table
 
 Value: TypeAlias = float | int | str
@@ -217,11 +216,10 @@ def _designed(
             raise UsageError(f"{key}: {count}, expected {least} to {MOST_POINTS}")
     if not asked:
         raise UsageError("ranges: none, expected one or more")
-    label, start = _base_of(entry, folder)
-    known, base, ranges = Variant(label, finger_from(start, label)), {}, {}
+    start, base, ranges = _base_of(entry, folder), {}, {}
     for name, span in asked.items():
         with place(f"ranges: {name}"):
-            found = known.value(name)
+            found = start.value(name)
             if name.startswith(CONTACT):
                 found = getattr(LADDER[0], name.removeprefix(CONTACT), None)
             number = float(found) if isinstance(found, int | float) else None
@@ -238,14 +236,13 @@ def _designed(
     return rows, [each[0] if each else "base" for each in moved]
 
 
-def _base_of(entry: FingersTable, folder: Path) -> tuple[str, Table]:
-    """Label and table of the finger that an entry starts from, a preset or a file."""
+def _base_of(entry: FingersTable, folder: Path) -> Variant:
+    """The finger that an entry starts from, a preset or a file."""
     if entry.base in PRESETS:
-        return entry.base, {"base": entry.base}
+        return Variant(entry.base, PRESETS[entry.base])
     check_below(entry.base)
     path = folder / entry.base
-    read_finger(str(path))  # names the file in what is wrong with it
-    return path.stem, read_toml(path, FingerError)
+    return Variant(path.stem, read_finger(str(path)))
 
 
 def _variants(
@@ -259,8 +256,8 @@ def _variants(
     Where afferents follow, each keeps its distance to the boundary of its layer that
     it is nearest to; or else it stays at its depth, unless that is changed.
     """
-    label, start = _base_of(entry, folder)
-    finger = finger_from(start, label)
+    start = _base_of(entry, folder)
+    finger = start.finger
     follows = entry.sites == "follow" or (entry.ranges is not None and entry.sites is None)
     asked = {match[1] for row in rows for match in map(_TO_BOUNDARY.fullmatch, row) if match}
     if follows:
@@ -269,12 +266,13 @@ def _variants(
     variants = []
     for row, name in zip(rows, called or [""] * len(rows), strict=True):
         try:
-            made = anchored(finger_from(_over(start, row), label), _kept(anchors, row, follows))
+            made = finger_with(finger, _sections(row))
+            made = anchored(made, _kept(anchors, row, follows))
         except FingerError as error:
             where = f"choose narrower ranges: {name}" if name else ""
             where = where or ", ".join(f"{key} = {value!r}" for key, value in row.items())
             raise FingerError(f"{where}: {error}" if where else str(error)) from error
-        variants.append(Variant(label, made, row, name))
+        variants.append(Variant(start.label, made, row, name))
     return variants
 
 
@@ -299,19 +297,16 @@ def _kept(
     return kept
 
 
-def _over(start: Table, row: Mapping[str, Value]) -> Table:
-    """The finger file `start` with the sizes in `row`, by dotted names, in place of its own."""
-    table = dict(start)
+def _sections(row: Mapping[str, Value]) -> Table:
+    """What a finger file says for the sizes in `row`, which have dotted names."""
+    table: Table = {}
     for name, value in row.items():
-        if name.startswith(CONTACT) or _TO_BOUNDARY.fullmatch(name):
-            continue
-        *sections, key = name.split(".")
-        below = table
-        for section in sections:
-            inner = below.get(section)
-            below[section] = dict(inner) if isinstance(inner, Mapping) else {}
-            below = below[section]
-        below[key] = value
+        if not (name.startswith(CONTACT) or _TO_BOUNDARY.fullmatch(name)):
+            *sections, key = name.split(".")
+            below = table
+            for section in sections:
+                below = below.setdefault(section, {})
+            below[key] = value
     return table
 
 
