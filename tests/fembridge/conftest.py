@@ -1,9 +1,15 @@
-"""What tests of pictures share, and those of commands that are refused."""
+"""What tests of pictures share, of commands that are refused, of a run that is read."""
+
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fembridge.cli import main
+from fembridge.run_folder import AfferentNode, RunFolder
+
+FIXTURES = Path(__file__).parents[2] / "fixtures"
 
 
 @pytest.fixture
@@ -21,6 +27,20 @@ def refused(tmp_path, monkeypatch, capsys):
         return err
 
     return check
+
+
+@pytest.fixture
+def run_folder(tmp_path):
+    """A run folder with the results of the two-layer block, 4 x 0.5 ms."""
+    folder = tmp_path / "run_folder"
+    folder.mkdir()
+    shutil.copy(FIXTURES / "frd_samples/cpe4_bin_f64.frd", folder / "job.frd")
+    places = (
+        AfferentNode("SA", 25, "epidermis", 1.5, 0.75, 0.25),
+        AfferentNode("RA", 11, "dermis", 1.5, 0.25, 0.75),
+    )
+    RunFolder(folder, "calculix", 4, 0.5, 0.0, places, "0").write()
+    return folder
 
 
 @pytest.fixture

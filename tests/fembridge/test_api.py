@@ -56,25 +56,6 @@ def test_plot_is_a_figure_with_a_panel_a_class(two):
     assert len(two.plot().axes) >= 3
 
 
-def test_build_deck_gives_the_folders_of_the_command(tmp_path):
-    words = [
-        "build-deck",
-        "--stimulus",
-        "sine_300_50,sine_20_250",
-        "-o",
-        "theirs",
-        "--friction",
-        "0.2",
-    ]
-    assert main(words) == 0
-    runs = fb.build_deck(["sine_300_50", "sine_20_250"], "ours", friction=0.2)
-    assert len(runs) == 2
-    for run in runs:
-        for file in sorted(run.folder.iterdir()):
-            theirs = tmp_path / "theirs" / run.folder.name / file.name
-            assert file.read_bytes() == theirs.read_bytes()
-
-
 def test_no_module_hides_a_public_function():
     """A submodule that was imported is an attribute of its package, whatever it hides."""
     for name in fb.__all__:

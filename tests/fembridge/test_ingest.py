@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from fembridge.cli import main
-from fembridge.run_folder import AfferentNode, RunFolder
 from fembridge.tables import read_traces
 
 pytestmark = pytest.mark.usefixtures("here")
@@ -29,20 +28,6 @@ def rows_of(path):
 
 def nodes_of(path):
     return list(dict.fromkeys(row["node"] for row in rows_of(path)))
-
-
-@pytest.fixture
-def run_folder(tmp_path):
-    """A run folder with the results of the two-layer block, 4 x 0.5 ms."""
-    folder = tmp_path / "sine_20_250"
-    folder.mkdir()
-    shutil.copy(SAMPLES / "cpe4_bin_f64.frd", folder / "job.frd")
-    places = (
-        AfferentNode("SA", 25, "epidermis", 1.5, 0.75, 0.25),
-        AfferentNode("RA", 11, "dermis", 1.5, 0.25, 0.75),
-    )
-    RunFolder(folder, "calculix", 4, 0.5, 0.0, places, "0").write()
-    return folder
 
 
 def test_a_run_folder_gives_its_afferents_from_rest(here, run_folder, capsys):

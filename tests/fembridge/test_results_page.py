@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from fembridge.cli import main
-from fembridge.run_folder import AfferentNode, RunFolder
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
@@ -17,17 +16,12 @@ PYTHON = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 
 
 @pytest.fixture(autouse=True)
-def jobs(tmp_path, monkeypatch):
-    """A folder with a user's job and a run folder of fembridge."""
+def jobs(tmp_path, monkeypatch, run_folder):
+    """A folder with a user's job beside a run folder of fembridge."""
     samples = ROOT / "fixtures" / "frd_samples"
     for suffix in ("frd", "dat", "sta", "cvg"):
         shutil.copy(samples / f"cpe4_ascii.{suffix}", tmp_path / f"job.{suffix}")
     (tmp_path / "job.inp").write_text("*NSET, NSET=PROBES\n11, 25\n")
-    folder = tmp_path / "run_folder"
-    folder.mkdir()
-    shutil.copy(samples / "cpe4_bin_f64.frd", folder / "job.frd")
-    places = (AfferentNode("SA", 25, "epidermis", 1.5, 0.75, 0.25),)
-    RunFolder(folder, "calculix", 4, 0.5, 0.0, places, "0").write()
     monkeypatch.syspath_prepend(Path(__file__).parent / "results" / "marc")
     _write_marc_job(tmp_path)
     monkeypatch.chdir(tmp_path)

@@ -30,17 +30,6 @@ def whole_run(folder):
     )
 
 
-def test_a_run_folder_comes_back_as_it_was_written(tmp_path):
-    run = whole_run(tmp_path)
-
-    run.write()
-
-    assert read_run_folder(tmp_path) == run
-    assert run.end_ms == 260.0
-    assert run.deck == tmp_path / "job.inp"
-    assert run.results == tmp_path / "job.frd"
-
-
 def test_an_own_deck_s_steps_before_the_stimulus_are_part_of_the_pre_indentation(tmp_path):
     inputs = {
         "base_deck": {"file": "mine.inp", "sha256": "0", "stands_um": 75.00000000000001},

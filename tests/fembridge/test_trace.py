@@ -23,11 +23,6 @@ def test_a_trace_keeps_its_own_samples_and_lets_nobody_write():
         trace.dt_ms = 1.0
 
 
-def test_the_last_sample_is_steps_after_the_first():
-    trace = StressTrace(np.zeros(5), 0.5, 7, start_ms=10.0)
-    np.testing.assert_array_equal(trace.times_ms, [10.0, 10.5, 11.0, 11.5, 12.0])
-
-
 @given(
     dt_ms=st.floats(1e-3, 10),
     start_ms=st.floats(0, 100),
