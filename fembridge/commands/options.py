@@ -125,23 +125,14 @@ _SHARED: Mapping[str, About] = {
         "depth of the probe before time 0 (default: as in the fit of the parameters)",
     ),
     "seed": "draw other noise than the catalogue's (>= 0)",
-    "slide_mm_per_s": (
-        "V",
-        "the probe also slides along x from time 0 on (default: it does not)",
-    ),
+    "slide_mm_per_s": ("V", "the probe also slides along x from time 0 on (default: it does not)"),
     "finger": ("NAME|FILE.toml", "quick (3 100 elements), paper (17 702) or a file"),
     "whole_section": "solve both halves of a section whose halves are mirror images (default: "
     "the right one, for waveforms in CalculiX)",
     "inertia": "the skin's mass counts while the probe follows its waveform",
-    "law": (
-        ("linear", "neo-hookean"),
-        "of skin and tissue under large strain; the same at rest",
-    ),
+    "law": (("linear", "neo-hookean"), "of skin and tissue under large strain; the same at rest"),
     "observed": ("RATES.csv", "what to fit to: a table stimulus,afferent,rate_ips"),
-    "response": (
-        "DIR|FILE.toml",
-        "or a response of your own, as `fembridge simulate` keeps it",
-    ),
+    "response": ("DIR|FILE.toml", "or a response of your own, as `fembridge simulate` keeps it"),
     "pad": (
         "NAME|FILE.npz",
         "reference; of touch also plane, the ridged section, endless along z; or a file",
