@@ -31,14 +31,12 @@ _KEY_LETTERS = 32
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One entry: `what` it is, its `record` and `bytes` on the disk, and its last use."""
+    """One entry: `what` it is, its `record`, and its last use, in seconds since 1970."""
 
     folder: Path
     what: str
     record: dict[str, Any]
-    bytes: int
     used_s: float
-    """Seconds since 1970."""
 
 
 def cache_folder() -> Path | None:
@@ -123,8 +121,7 @@ def entries(most: int | None = None) -> list[Entry]:
     for used_s, folder in _by_use()[:most]:
         with suppress(OSError, ResponseError):  # another process is at work on it
             table = read_sealed(folder / ENTRY_FILE, "cache entry", FORMAT)
-            size = _bytes_in(folder)
-            found.append(Entry(folder, table["what"], table["record"], size, used_s))
+            found.append(Entry(folder, table["what"], table["record"], used_s))
     return found
 
 
@@ -143,7 +140,7 @@ def clear() -> int:
     for folder in cache.iterdir():
         if not _is_ours(folder):
             continue
-        removed += _bytes_in(folder)
+        removed += bytes_in(folder)
         try:
             shutil.rmtree(folder)
         except OSError as error:
@@ -167,7 +164,8 @@ def _by_use() -> list[tuple[float, Path]]:
     return sorted(found, reverse=True)
 
 
-def _bytes_in(folder: Path) -> int:
+def bytes_in(folder: Path) -> int:
+    """Size of an entry on the disk."""
     return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
 
 
@@ -176,7 +174,7 @@ def _make_room(wanted: int) -> None:
     found = []
     for _, folder in _by_use():
         with suppress(OSError):  # another process removes it
-            found.append((folder, _bytes_in(folder)))
+            found.append((folder, bytes_in(folder)))
     total = sum(size for _, size in found)
     while found and total + wanted > LIMIT_BYTES:
         folder, size = found.pop()

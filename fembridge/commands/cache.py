@@ -20,20 +20,21 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """List the entries, the last used first, or remove them."""
     import time
 
-    from fembridge.cache import OFF, VARIABLE, cache_folder, clear, entries
+    from fembridge.cache import OFF, VARIABLE, bytes_in, cache_folder, clear, entries
 
     folder = cache_folder()
     removed = clear() if args.clear else 0
     found = entries()
-    total = sum(entry.bytes for entry in found)
+    sizes = [bytes_in(entry.folder) for entry in found]
+    total = sum(sizes)
     if folder is None:
         print(f"switched off: {VARIABLE}={OFF}")
     elif args.clear:
         print(f"{removed / 1e6:.1f} MB removed from {folder}")
     else:
-        for entry in found:
+        for entry, size in zip(found, sizes, strict=True):
             used = time.strftime("%Y-%m-%d %H:%M", time.localtime(entry.used_s))
-            print(f"{used}  {entry.bytes / 1e6:8.1f} MB  {entry.what}")
+            print(f"{used}  {size / 1e6:8.1f} MB  {entry.what}")
         count = "1 entry" if len(found) == 1 else f"{len(found)} entries"
         print(f"{count}, {total / 1e6:.1f} MB in {folder}")
     return {
@@ -42,7 +43,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "bytes": total,
         "removed_bytes": removed,
         "entries": [
-            {"what": one.what, "bytes": one.bytes, "used_s": one.used_s, "folder": one.folder}
-            for one in found
+            {"what": one.what, "bytes": size, "used_s": one.used_s, "folder": one.folder}
+            for one, size in zip(found, sizes, strict=True)
         ],
     }
