@@ -28,11 +28,7 @@ from fembridge.report.rates import (
     threshold_table,
 )
 from fembridge.report.recorded import Answering, Evidence, gather
-from fembridge.response.deflection import (
-    Deflection,
-    convergence,
-    stored_deflections,
-)
+from fembridge.response.deflection import Deflection, convergence, stored_deflections
 from fembridge.response.indentation import solve_response
 from fembridge.response.response_map import ResponseMap
 from fembridge.simulation import Simulation, encode_all, unlike_the_fit
@@ -170,7 +166,7 @@ def validate(
         thresholds=threshold_table(rates),
         locking=locking_table(rates, {name: one.trains for name, one in simulations.items()}),
         deflections=deflections,
-        convergence=convergence(deflections) if len(deflections) > 1 else (),
+        convergence=convergence(deflections),
         evidence=gather(Answering(response, judged), Answering(pad, fingertip), facts, trains),
     )
 
