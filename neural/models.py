@@ -136,9 +136,9 @@ class Model:
     """One model of one class: what it filters, how that becomes current, and why.
 
     `clamped` membranes do not fall below rest. With `two_way` a cell has a second membrane
-    that integrates falls, and a spike of either is a spike of the cell; with `until_turn`
-    what a spike adds to the threshold is lost as soon as the current drives the potential
-    below rest. Filters of a `whole` model look back to the beginning of the trace.
+    that integrates falls, and a spike of either is a spike of the cell. What a spike adds to
+    the threshold `fades`; with `until_turn` all of it is lost as soon as the current drives the
+    potential below rest. Filters of a `whole` model look back to the beginning of the trace.
     `any_step` equations have no time step in them: their parameters hold at any.
 
     `equation` is kept beside fitted parameters, and those with another one are refused:
@@ -160,6 +160,7 @@ class Model:
     cells: int = 1
     two_way: bool = False
     until_turn: bool = False
+    fades: bool = True
     any_step: bool = False
     whole: bool = False
     tau: Free | None = TAU
@@ -185,7 +186,7 @@ class Model:
             refractory_ms=values["refractory_ms"],
             clamped=self.clamped,
             jump_mv=values["jump_mv"],
-            recovery_ms=math.inf if self.until_turn else values["recovery_ms"],
+            recovery_ms=values["recovery_ms"] if self.fades else math.inf,
             until_turn=self.until_turn,
         )
 
@@ -335,6 +336,7 @@ _ROWS = (
         cells=MORE_CELLS,
         two_way=True,
         until_turn=True,
+        fades=False,
         any_step=True,
     ),
     Model(
@@ -347,11 +349,12 @@ _ROWS = (
         ),
         own_free=(replace(BETA, low=0.3),),
         tau=replace(TAU, high=100.0),
-        equation="I' = β (max(y, 0)^(2/3) - 0.8 max(-y, 0)^(2/3)), y = σ through three high "
-        "and three low passes at 300 Hz, v ≥ rest, threshold + jump until the turn",
+        equation="I' = β (max(y, 0)^0.6 - 0.85 max(-y, 0)^0.6), y = σ through three high "
+        "and three low passes at 300 Hz, v ≥ rest, threshold + jump, which fades in 12 ms and "
+        "is gone at the turn",
         reason="PC cells are keenest between 200 and 300 Hz and duller above; a swing fires "
-        "once over a wide range of amplitudes, what stays of faint ones adds up, and no "
-        "amplitude drives a cell below rest",
+        "once over a wide range of amplitudes, what stays of faint ones adds up, no amplitude "
+        "drives a cell below rest, and one that missed its turn is not silent for long",
         clamped=True,
         until_turn=True,
         cells=MORE_CELLS,

@@ -196,8 +196,9 @@ class TwoWayRaParameters(RisingRaParameters):
 class CorpusclePcParameters(AfferentParameters):
     """PC whose corpuscle passes what is near its best frequency, compressed.
 
-    `beta_mv_per_ms` is the current at 1 Pa of what the corpuscle passes. `jump_mv` lasts
-    until what it passes turns: a second spike of one swing takes a far stronger one.
+    `beta_mv_per_ms` is the current at 1 Pa of what the corpuscle passes. `jump_mv` fades
+    with `recovery_ms` and is gone when what it passes turns: a second spike of one swing takes
+    a far stronger one.
     """
 
     afferent: ClassVar[str] = "PC"
@@ -207,6 +208,7 @@ class CorpusclePcParameters(AfferentParameters):
     threshold_mv: float = -55.0
     refractory_ms: float = 0.5
     jump_mv: float = 80.0
+    recovery_ms: float = 12.0
 
 
 Parameters: TypeAlias = Mapping[str, AfferentParameters]

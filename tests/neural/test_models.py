@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from fembridge.errors import ParameterError
 from neural.encoder import encode
+from neural.filters import CORPUSCLE_POWER, OTHER_SIDE
 from neural.models import Coefficients, model_named, model_of
 from neural.parameters import (
     CorpusclePcParameters,
@@ -151,9 +152,9 @@ def test_a_corpuscle_passes_a_sine_as_its_six_poles_do(dt_ms):
         sine = 1e4 * np.sin(2e-3 * np.pi * frequency_hz * times_ms)
         passed = membrane_current(sine, dt_ms, pc)[len(times_ms) // 2 :]
         ratio = frequency_hz / 300.0
-        expected = (1e4 * (ratio / (1.0 + ratio**2)) ** 3) ** (2 / 3)
+        expected = (1e4 * (ratio / (1.0 + ratio**2)) ** 3) ** CORPUSCLE_POWER
         np.testing.assert_allclose(passed.max(), expected, rtol=0.02 if dt_ms < 0.2 else 0.1)
-        np.testing.assert_allclose(passed.min() / -0.8, passed.max(), rtol=0.1)
+        np.testing.assert_allclose(passed.min() / -OTHER_SIDE, passed.max(), rtol=0.1)
 
 
 def test_a_corpuscle_is_a_plain_loop_over_its_passes():
@@ -166,8 +167,10 @@ def test_a_corpuscle_is_a_plain_loop_over_its_passes():
             before[stage], lows[stage] = value, leak / (1 + half)
             value = value - lows[stage] if stage < 3 else lows[stage]
         passed.append(value)
-    ahead, behind = (np.maximum(each, 0) ** (2 / 3) for each in (passed, np.negative(passed)))
-    expected = ahead - 0.8 * behind
+    ahead, behind = (
+        np.maximum(each, 0) ** CORPUSCLE_POWER for each in (passed, np.negative(passed))
+    )
+    expected = ahead - OTHER_SIDE * behind
 
     current = membrane_current(stress, DT_MS, CorpusclePcParameters(tau_ms=9, beta_mv_per_ms=1))
 
