@@ -17,7 +17,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from fembridge.commands import written
 from fembridge.commands.options import add_export_option, add_from, add_output_option, words_of
+from fembridge.terminal import log, print_table
 
 EXAMPLE = "fembridge touch --shape braille:text=b --press-n 0.3 -o out"
 
@@ -99,9 +101,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Touch; the summary holds the mean rate of each class."""
-    import sys
-
-    from fembridge.plots.pad import PICTURES
+    from fembridge.plots.pad import PICTURES, check_movie, write_movie
     from fembridge.plots.style import save_figure
     from fembridge.recording import Recording, export, require_libraries
     from fembridge.store import filling, remove_file
@@ -109,47 +109,41 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     require_libraries(args.export)
     if args.animate:
-        from fembridge.plots.pad import check_movie, write_movie
-
         check_movie(Path(args.animate))
-    result = touch(
-        **words_of(args, touch),
-        log=lambda line: print(line, file=sys.stderr),
-    )
+    result = touch(**words_of(args, touch), log=log)
     if note := result.origin.get("note"):
-        print(note, file=sys.stderr)
-    output = Path(args.output)
+        log(note)
     drawn = {} if args.no_plot else PICTURES
-    with filling(output, last=TOUCH_FILE) as draft:
+    with filling(args.output, last=TOUCH_FILE) as draft:
         files = result.write(draft)
         for name, draw in drawn.items():
             save_figure(draw(result), draft / f"{name}.png")
             files.append(f"{name}.png")
+        if args.export:
+            files += export(Recording.of(result), draft, args.export)
     for name in PICTURES.keys() - drawn.keys():
-        remove_file(output / f"{name}.png")  # of other spikes than those beside it
-    if args.export:
-        files += export(Recording.of(result), output, args.export)
+        remove_file(args.output / f"{name}.png")  # of other spikes than those beside it
     if args.animate:
-        write_movie(output / args.animate, result)
+        write_movie(args.output / args.animate, result)
         files.append(args.animate)
     classes = result.summary()
-    if not args.json:
-        print(f"{'class':<6}{'units':>7}{'fire':>7}{'mean':>8}{'most':>8}   impulses/s")
-        for name, row in classes.items():
-            print(
-                f"{name:<6}{row['units']:>7}{row['firing']:>7}{row['mean_ips']:>8.1f}"
-                f"{row['most_ips']:>8.1f}"
-            )
-        unit = "N/mm" if result.solved.nodes.pad.plane else "N"
-        force = f"{result.force_n.max():.3g} {unit}"
-        print(f"{result.way.name}: up to {result.depth_um.max():.0f} um, {force}")
-        print(f"{', '.join(files)}: {output}")
+    rows = [
+        (
+            name,
+            *(f"{row[n]:d}" for n in ("units", "firing")),
+            *(f"{row[n]:.1f}" for n in ("mean_ips", "most_ips")),
+        )
+        for name, row in classes.items()
+    ]
+    print_table(("class", "units", "fire", "mean (ips)", "most (ips)"), rows)
+    depth_um, force_n = float(result.depth_um.max()), float(result.force_n.max())
+    unit = "N/mm" if result.solved.nodes.pad.plane else "N"
+    print(f"{result.way.name}: up to {depth_um:.0f} um, {force_n:.3g} {unit}")
     return {
-        "output": str(output),
-        "files": files,
+        **written(args.output, files),
         "way": result.way.name,
-        "note": result.origin.get("note", ""),
-        "depth_um": float(result.depth_um.max()),
-        "force_n": float(result.force_n.max()),
+        "note": note or "",
+        "depth_um": depth_um,
+        "force_n": force_n,
         "classes": classes,
     }

@@ -21,7 +21,6 @@ import numpy as np
 from fembridge.errors import UsageError
 from fembridge.stimulus import Stimulus
 from fembridge.store import filling, write_text
-from fembridge.tables import write_table
 from fembridge.touching.contact import (
     MM_PER_UM,
     SkinNodes,
@@ -147,21 +146,35 @@ class Touch:
             }
         return found
 
+    def tables(self) -> "dict[str, pandas.DataFrame]":
+        """Tables of ``fembridge touch`` by their files' names."""
+        import pandas
+
+        samples = {
+            "time_ms": self.way.times_ms,
+            "depth_um": self.depth_um,
+            "force_n": self.force_n,
+        }
+        return {
+            POPULATION_FILE: self.population.to_frame(),
+            SPIKES_FILE: self.spikes,
+            RATES_FILE: self.rates,
+            TOUCH_FILE: pandas.DataFrame(samples),
+        }
+
     def write(self, folder: Path | str) -> list[str]:
-        """Write the tables of ``fembridge touch``, all or none; their names.
+        """Write `tables`, all or none; their names.
 
         Raises
         ------
         OutputError
             `folder` cannot be written.
         """
-        samples = np.stack([self.way.times_ms, self.depth_um, self.force_n], -1)
+        tables = self.tables()
         with filling(Path(folder), last=TOUCH_FILE) as draft:
-            self.population.write(draft / POPULATION_FILE)
-            for name, frame in ((SPIKES_FILE, self.spikes), (RATES_FILE, self.rates)):
-                write_text(draft / name, frame.to_csv(index=False, lineterminator="\n"))
-            write_table(draft / TOUCH_FILE, ("time_ms", "depth_um", "force_n"), samples.tolist())
-        return [POPULATION_FILE, SPIKES_FILE, RATES_FILE, TOUCH_FILE]
+            for name, table in tables.items():
+                write_text(draft / name, table.to_csv(index=False, lineterminator="\n"))
+        return list(tables)
 
 
 def touch(
