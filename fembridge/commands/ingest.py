@@ -211,6 +211,7 @@ def _kind(args: argparse.Namespace, result: "Result") -> str:
     """What is asked for: list, vtu, field, table, point, sides or traces."""
     from fembridge.errors import UsageError
     from fembridge.results.byte_file import suffix_of
+    from fembridge.results.printed import is_abaqus
     from fembridge.results.readers import PRINTS
 
     path, suffix = result.source.path, suffix_of(result.source.path)
@@ -225,9 +226,8 @@ def _kind(args: argparse.Namespace, result: "Result") -> str:
     printed = suffix in PRINTS
     if suffix == ".dat" and not (args.point or args.quantity or args.list):
         # Abaqus prints at nodes, too, and its runs are read there.
-        at_nodes = by_node or args.afferents
         ours = result.run is not None and result.run.solver == "abaqus"
-        printed = not (at_nodes or ours)
+        printed = not ((by_node or args.afferents or ours) and is_abaqus(path))
     misuse = (
         (len(asked) > 1, " and ".join(asked[:2]) + " do not go together"),
         (printed and word not in ("", "--list", "--point"), f"{word} is for a .frd, .t16 or .t19"),

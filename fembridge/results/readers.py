@@ -26,6 +26,8 @@ ENTRY_POINTS = "fembridge.readers"
 _FIRST_BYTES = 64
 PRINTS = {".dat": "ccx-dat", ".sta": "ccx-sta", ".cvg": "ccx-cvg", ".sts": "marc-sts"}
 """What solvers print beside their results: names of the formats, by suffix."""
+STATUS = PRINTS.keys() - {".dat"}
+"""Those without a number at a node or a point: no result of a folder."""
 _KNOWN_STARTS = (
     (b"\x1f\x8b", "gzip: name it .frd.gz"),
     (b"PK\x03\x04", "zip: unpack it first"),
@@ -96,8 +98,8 @@ def open_source(path: Path, options: ReadOptions) -> "Source":
         reader = reader_of(file)
         if not reader.points and (options.extrapolate or options.von_mises):
             raise UsageError(
-                f"{path}: {reader.name} holds values at nodes; how they are extrapolated "
-                "there is asked of a Marc post file"
+                f"{path}: {reader.name}: how values are extrapolated to nodes is asked of a Marc "
+                "post file alone"
             )
         if options.columns and not reader.named:
             raise UsageError(f"{path}: --columns is of a .csv, .npz, .vtu, .pvd or .xdmf")

@@ -20,7 +20,7 @@ from fembridge.errors import FembridgeError, ResultError, UsageError
 from fembridge.results.fields import Field
 from fembridge.results.history import NO_KEYS, STRESS, VON_MISES, History
 from fembridge.results.read_options import ReadOptions
-from fembridge.results.readers import READERS, open_source
+from fembridge.results.readers import READERS, STATUS, open_source
 from fembridge.results.source import Source
 from fembridge.run_folder import RUN_FILE, SOLVER_FILE, RunFolder, read_run_folder
 from fembridge.store import read_toml, sha256_of
@@ -217,7 +217,8 @@ def open_result(
         path = run.results
     else:
         if path.is_dir():
-            places = [path / f"{JOB}{reader.suffix}" for reader in READERS]
+            suffixes = [one.suffix for one in READERS if one.suffix not in STATUS]
+            places = [path / f"{JOB}{suffix}" for suffix in suffixes]
             path = next((place for place in places if place.exists()), places[0])
         try:
             if (path.parent / RUN_FILE).exists():

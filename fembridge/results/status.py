@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from fembridge.errors import ResultError
-from fembridge.results.byte_file import text_lines
+from fembridge.results.byte_file import suffix_of, text_lines
 from fembridge.results.read_options import ReadOptions
 from fembridge.trace import MS_PER_S
 
@@ -245,7 +245,7 @@ def status_rows(path: Path, options: ReadOptions) -> Iterator[Sequence[object]]:
 
     None is empty, a truth 0 or 1. What is wrong with the run, or its last line, is noted.
     """
-    suffix, problem = path.suffix.lower(), None
+    suffix, problem = suffix_of(path), None
     kind: type = {".sta": StaRow, ".cvg": CvgRow, ".sts": StsRow}[suffix]
     rows: Sequence[Any]
     if suffix == ".sts":

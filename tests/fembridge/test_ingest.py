@@ -92,6 +92,8 @@ def test_a_set_needs_a_deck_and_can_name_one(here, capsys):
         ([ASCII, "--field", "DISP", "--vtu", "v"], "--vtu and --field do not go toge"),
         ([ASCII, "--point", "1:1"], "--point is for a .dat"),
         ([DAT, "--vtu", "v"], "--vtu is for a .frd"),
+        ([DAT, "--near", "0,0"], "--near is for a .frd"),
+        ([DAT, "--extrapolate", "linear"], "is asked of a Marc post file alone"),
         ([DAT, "--quantity", "forces", "stresses"], "--quantity takes one name"),
         ([ASCII, "--field", "DISP", "-o", "f.txt"], "expected a name in .npz or .csv"),
         ([ASCII, "--set", "PROBES", "--one-sided", "EALL"], "--one-sided is for the --node"),

@@ -1,5 +1,6 @@
 """Every kind of section in a ``.dat`` of CalculiX, and tables of prints."""
 
+import gzip
 import os
 import re
 from functools import partial
@@ -327,3 +328,14 @@ def test_a_line_that_is_still_being_written_is_said(samples, tmp_path):
     assert write_table(path, tmp_path / "t.csv", log=logged.append) == 3
     assert logged[0].startswith("line 6 has no end yet and is left out")
     assert "line 6" in describe(path)["problem"]
+
+
+def test_a_status_file_is_read_out_of_gzip_and_is_no_result_of_its_folder(samples, tmp_path):
+    content = (samples / "cpe4_ascii.sta").read_bytes()
+    (tmp_path / "job.sta.gz").write_bytes(gzip.compress(content))
+    assert write_table(tmp_path / "job.sta.gz", tmp_path / "t.csv") == 4
+    (tmp_path / "job.sta").write_bytes(content)
+    with pytest.raises(ResultError, match=r"job\.frd: no such file"):
+        describe(tmp_path)
+    (tmp_path / "job.csv").write_text("time,value\n0,1\n1,2\n")
+    assert describe(tmp_path)["format"] == "table"
