@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -39,6 +40,13 @@ if TYPE_CHECKING:
     from neural.models import Model as AfferentModel
 
 PathLike: TypeAlias = str | Path
+
+# What `build_deck` takes of one of the two alone.
+_OF_OUR_FINGER = (
+    *("finger", "probe", "element", "inertia", "whole_section", "law"),
+    *("contact", "stiffness_mpa_per_mm", "friction", "probe_body"),
+)
+_OF_A_BASE_DECK = ("amplitude", "step", "afferents", "length_unit", "move", "increments")
 
 
 def simulate(
@@ -246,6 +254,14 @@ def build_deck(
     >>> run.folder.name, run.increments
     ('sine_20_250', 520)
     """
+    given = locals()
+    usual = {name: each.default for name, each in signature(build_deck).parameters.items()}
+    unused = _OF_A_BASE_DECK if base_deck is None else _OF_OUR_FINGER
+    whose = "for base_deck alone" if base_deck is None else "for our finger, not for base_deck"
+    for name in unused:
+        if given[name] != usual[name]:
+            raise UsageError(f"{name} is {whose}")
+
     from decks.analysis import Contact
     from decks.dialects import DeckOptions, dialect_named
     from fembridge.build import build_own_folder, build_run_folder, read_base_deck

@@ -450,9 +450,9 @@ def require_libraries(formats: Sequence[str]) -> None:
             import_module(_LIBRARIES.get(word, "numpy"))
 
 
-def export(recording: Recording, folder: Path, formats: Sequence[str]) -> list[str]:
-    """Write ``spikes`` in `formats`; the files' names."""
-    return [recording.write(folder / f"spikes{FORMATS[word][0]}").name for word in formats]
+def exports(recording: Recording, formats: Sequence[str]) -> dict[str, Callable[[Path], Path]]:
+    """Names of the files of ``spikes`` in `formats`, with what writes each to its path."""
+    return {f"spikes{FORMATS[word][0]}": recording.write for word in formats}
 
 
 @contextmanager

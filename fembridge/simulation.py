@@ -8,7 +8,7 @@
                `fembridge.response.indentation.why_no_map`.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from pathlib import Path
@@ -148,14 +148,21 @@ class Simulation:
         draw = raster_figure if picture == "raster" else psth_figure
         return draw(self.trains, **rows)
 
-    def write(self, folder: Path | str, *, plot: bool = False) -> None:
+    def write(
+        self,
+        folder: Path | str,
+        *,
+        plot: bool = False,
+        more: Mapping[str, Callable[[Path], object]] | None = None,
+    ) -> None:
         """Write ``rates.csv``, ``spikes.csv``, ``traces.npz``, ``simulation.toml``.
 
         The finger of a response has a file of its own, ``finger.toml``, which the record
         names. The NPZ holds ``stimulus`` ``(S,)``, ``afferent`` ``(A,)``, ``dt_ms``,
         ``displacement_um`` ``(S, T)`` and ``von_mises_pa`` ``(S, T, A)``, NaN behind the end of
-        a shorter stimulus. All of them, and with `plot` ``raster.png``, are replaced, or, after
-        an `OutputError`, none: a ``finger.toml`` of the user's own is not.
+        a shorter stimulus. All of them, with `plot` ``raster.png``, and `more` by what writes
+        each, are replaced, or, after an `OutputError`, none: a ``finger.toml`` of the user's own
+        is not.
         """
         stimuli = {stimulus.id: stimulus_inputs(stimulus) for stimulus in self.stimuli}
         for table in stimuli.values():
@@ -196,6 +203,8 @@ class Simulation:
                 from fembridge.plots.style import save_figure
 
                 save_figure(self.plot(), draft / RASTER_FILE)
+            for name, write in (more or {}).items():
+                write(draft / name)
         if is_left_over:
             remove_file(folder / FINGER_FILE)
 

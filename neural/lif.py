@@ -16,7 +16,7 @@ that each spike raises by a jump, and that comes back with its own time constant
 
     θ(t + dt) = (1 − dt/τ_θ) θ(t),  then + jump if v(t + dt) > gap + θ(t + dt)
 
-or, *until the turn*, all at once as soon as a current drives v below rest.
+and, *until the turn*, is all back at once as soon as a current drives v below rest.
 
 Inside, v is kept in units of dt, which saves a product a sample. For a dt that is
 a power of two, as 0.5 ms is, that is exact.

@@ -91,7 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Encode and write; the summary holds the rate of each trace."""
     from fembridge.encoding import encode
-    from fembridge.recording import FORMATS, Recording, require_libraries
+    from fembridge.recording import Recording, exports, require_libraries
     from fembridge.tables import Rate, write_rates, write_spikes
     from neural import mean_rate_ips
     from neural.rates import spikes_inside
@@ -138,7 +138,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.export:
         nodes = {(str(trace.afferent), trace.unit): trace.node for trace in traces}
         recording = Recording.of_trains(trains, traces[0].dt_ms, span_ms[1], nodes)
-        files |= {f"spikes{FORMATS[word][0]}": recording.write for word in args.export}
+        files |= exports(recording, args.export)
     files["rates.csv"] = lambda path: write_rates(path, rates)
     if encoded.doubt:
         notes.append(encoded.doubt)

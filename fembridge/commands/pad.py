@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from decks.green import PLANE_ROWS, PadMesh, smooth
     from decks.presets import read_finger
-    from fembridge.errors import UsageError
+    from fembridge.errors import FingerError, UsageError
     from fembridge.touching.green import solve_pad
     from fembridge.touching.pad import write_pad
 
@@ -78,9 +78,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     spacing_mm = args.spacing_mm
     if spacing_mm is None:
         spacing_mm = 0.0625 if args.plane else 0.25
-    mesh = PadMesh(
-        spacing_mm, args.reach_mm, plane=args.plane, rows=PLANE_ROWS if args.plane else 1
-    )
+    rows = PLANE_ROWS if args.plane else 1
+    try:
+        mesh = PadMesh(spacing_mm, args.reach_mm, plane=args.plane, rows=rows)
+    except FingerError as error:  # of a number of ours, not of a file
+        raise UsageError(str(error)) from error
     with ExitStack() as stack:
         folder = args.runs or stack.enter_context(tempfile.TemporaryDirectory(prefix="fembridge-"))
         pad = solve_pad(

@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Simulate; the summary holds the rates."""
     from decks.presets import finger_table, read_finger
     from fembridge.api import simulate
-    from fembridge.recording import Recording, export, require_libraries
+    from fembridge.recording import Recording, exports, require_libraries
     from fembridge.simulation import (
         RASTER_FILE,
         RATES_FILE,
@@ -66,6 +66,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         TRACES_FILE,
         check_finger,
     )
+    from fembridge.store import remove_file
 
     require_libraries(args.export)
     # A map is of the finger as it is at once.
@@ -74,10 +75,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     with SolverBars() as bars:
         words = {**words_of(args, simulate), "probe": probe_from(args)}
         simulation = simulate(**words, log=notes, on_progress=bars)
-    simulation.write(args.output, plot=not args.no_plot)
-    exported = export(Recording.of(simulation), args.output, args.export) if args.export else []
-    if args.no_plot:  # of other spikes than those beside it
-        (args.output / RASTER_FILE).unlink(missing_ok=True)
+    exported = exports(Recording.of(simulation), args.export) if args.export else {}
+    simulation.write(args.output, plot=not args.no_plot, more=exported)
+    if args.no_plot:
+        remove_file(args.output / RASTER_FILE)  # of other spikes than those beside it
     count, rates = len(simulation.traces[0]), simulation.mean_rates
     print_table(
         ["stimulus", *(f"{rate.afferent:>6}" for rate in rates[:count]), " impulses/s"],

@@ -103,7 +103,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Touch; the summary holds the mean rate of each class."""
     from fembridge.plots.pad import PICTURES, check_movie, write_movie
     from fembridge.plots.style import save_figure
-    from fembridge.recording import Recording, export, require_libraries
+    from fembridge.recording import Recording, exports, require_libraries
     from fembridge.store import filling, remove_file
     from fembridge.touching.touch import TOUCH_FILE, touch
 
@@ -119,8 +119,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         for name, draw in drawn.items():
             save_figure(draw(result), draft / f"{name}.png")
             files.append(f"{name}.png")
-        if args.export:
-            files += export(Recording.of(result), draft, args.export)
+        exported = exports(Recording.of(result), args.export) if args.export else {}
+        for name, write in exported.items():
+            write(draft / name)
+            files.append(name)
     for name in PICTURES.keys() - drawn.keys():
         remove_file(args.output / f"{name}.png")  # of other spikes than those beside it
     if args.animate:

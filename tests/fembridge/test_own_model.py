@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from decks.own_model import Request
+from decks.probe import Probe
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
+from fembridge.api import build_deck
 from fembridge.build import build_own_folder, read_base_deck
 from fembridge.cli import main
-from fembridge.errors import DeckError
+from fembridge.errors import DeckError, UsageError
 from fembridge.results.result import open_result
 from fembridge.run_folder import read_run_folder, read_waveform
 
@@ -86,6 +88,20 @@ def test_the_verb_tells_what_it_changed_and_its_summary_lists_it(here, capsys):
 )
 def test_what_makes_no_sense_is_one_line(here, refused, more, code, said):
     refused(words("--base-deck", "mine.inp", *more), said, code)
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({"base_deck": "mine.inp", "finger": "paper"}, "finger is for our finger"),
+        ({"base_deck": "mine.inp", "probe": Probe()}, "probe is for our finger"),
+        ({"amplitude": "DEPTH"}, "amplitude is for base_deck alone"),
+    ],
+)
+def test_what_python_gives_for_the_other_deck_is_refused(here, more, said):
+    with pytest.raises(UsageError, match=said):
+        build_deck("noise_25_250_5", **more)
+    assert list(here.iterdir()) == [here / "mine.inp"]
 
 
 @pytest.mark.parametrize(

@@ -154,19 +154,25 @@ def test_what_takes_a_solver_ends_in_the_line_that_installs_one(here, refused, w
     assert line.endswith(f"{SOLVER_INSTALL_LINE}\n")
 
 
-def test_an_earlier_result_survives_a_picture_that_cannot_be_drawn(
-    result, earlier, capsys, monkeypatch
+@pytest.mark.parametrize(
+    ("name", "writer"),
+    [
+        ("raster.png", "fembridge.plots.style.save_figure"),
+        ("spikes.npz", "fembridge.recording.Recording.write"),
+    ],
+)
+def test_an_earlier_result_survives_a_file_that_cannot_be_written(
+    result, earlier, capsys, monkeypatch, name, writer
 ):
-    from fembridge.plots import style
-
-    def disk_full(figure, path, **options):
+    def disk_full(what, path, **options):
         raise OutputError("cannot write: No space left on device", path)
 
-    monkeypatch.setattr(style, "save_figure", disk_full)
-    assert main(["simulate", "--stimulus", "sine_20_250", "-o", "out"]) == 1
+    monkeypatch.setattr(writer, disk_full)
+    words = ["simulate", "--stimulus", "sine_20_250", "--export", "npz", "-o", "out"]
+    assert main(words) == 1
 
     last = capsys.readouterr().err.splitlines()[-1]
-    assert last == "fembridge: out/raster.png: cannot write: No space left on device"
+    assert last == f"fembridge: out/{name}: cannot write: No space left on device"
     assert contents(result) == earlier
 
 

@@ -84,14 +84,11 @@ def test_files_of_two_touches_never_stand_side_by_side(tmp_path, capsys):
         (("receptive-field", "--depth-um", "deep"), "deep"),
         (("receptive-field", "--pad", "plane"), "plane"),
         (("pad", "-o", "pad.txt"), ".npz"),
+        (("pad", "--spacing-mm", "0"), "--spacing-mm must be 0.05 to 1"),
     ],
 )
 def test_misuse_gets_one_line(refused, words, named):
     refused(words, named)
-
-
-def test_a_pad_of_elements_of_no_size_is_refused(refused):
-    refused(["pad", "--spacing-mm", "0"], "--spacing-mm must be 0.05 to 1", 1)
 
 
 def test_receptive_field_writes_areas_and_maps(tmp_path, capsys):
