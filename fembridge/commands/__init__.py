@@ -1,7 +1,7 @@
 """The verbs of the command line, one module each: glue, no logic of their own.
 
-A verb computes, prints what people read, and ends in files, which all of them write and
-name in the same way.
+A verb computes, writes its files, prints what people read, and ends in the files' names;
+all of them write and name files in the same way.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -16,8 +16,8 @@ Content: TypeAlias = "str | DataFrame | Figure | Callable[[Path], object]"
 """What is in a file: a text, a table, a picture, or what writes it to a path."""
 
 
-def write_files(folder: Path, files: Mapping[str, Content]) -> dict[str, Any]:
-    """Write `files` into `folder`, all or none; what `written` gives.
+def write_files(folder: Path, files: Mapping[str, Content]) -> None:
+    """Write `files` into `folder`, all or none; before a verb prints, as nobody may read that.
 
     Raises
     ------
@@ -37,7 +37,6 @@ def write_files(folder: Path, files: Mapping[str, Content]) -> dict[str, Any]:
                 write_text(draft / name, content.to_csv(index=False))
             else:
                 save_figure(content, draft / name)
-    return written(folder, list(files))
 
 
 def written(folder: Path, files: Sequence[str]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ ten minutes. Profiles are written to the output folder as a table and a picture.
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands import Content, write_files
+from fembridge.commands import Content, write_files, written
 from fembridge.commands.options import add_from, add_output_option, option, words_of
 from fembridge.solver.settings import SolverSettings
 from fembridge.terminal import SolverBars, log, print_table
@@ -69,13 +69,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     ]
     columns = ("mesh", "distance_mm", "deflection_mm")
     rows = convergence(shown) if len(shown) > 1 else []
-    _print_table(shown, rows)
     files: dict[str, Content] = {
         PICTURE_FILE: deflection_figure(shown),
         TABLE_FILE: lambda path: write_table(path, columns, profile),
     }
+    write_files(args.output, files)
+    _print_table(shown, rows)
     return {
-        **write_files(args.output, files),
+        **written(args.output, list(files)),
         "source": "stored" if args.solver is None else "solved",
         "depth_mm": shown[0].depth_mm,
         "meshes": [

@@ -23,7 +23,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands import Content, write_files
+from fembridge.commands import Content, write_files, written
 from fembridge.commands.options import (
     Several,
     add_export_option,
@@ -140,6 +140,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         recording = Recording.of_trains(trains, traces[0].dt_ms, span_ms[1], nodes)
         files |= exports(recording, args.export)
     files["rates.csv"] = lambda path: write_rates(path, rates)
+    write_files(args.output, files)
     if encoded.doubt:
         notes.append(encoded.doubt)
     if args.window_ms is None and not found.windows_ms and spans_ms == windows_ms:
@@ -164,7 +165,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         rest="rates.csv",
     )
     return {
-        **write_files(args.output, files),
+        **written(args.output, list(files)),
         "parameters": encoded.parameters.name,
         "derivative": args.derivative,
         "rates": rows,

@@ -12,7 +12,7 @@ The field is where the probe gives a tenth of the impulses of the hot spot, one 
 import argparse
 from typing import Any
 
-from fembridge.commands import Content, write_files
+from fembridge.commands import Content, write_files, written
 from fembridge.commands.options import Several, add_from, add_output_option, words_of
 
 EXAMPLE = "fembridge receptive-field --afferent RA --depth-um 100,200,400 -o field"
@@ -63,14 +63,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     areas = pandas.concat([field.areas for field in fields], ignore_index=True)
     maps = pandas.concat([field.to_frame() for field in fields], ignore_index=True)
     thresholds = {field.afferent: field.threshold_um for field in fields}
+    files: dict[str, Content] = {
+        **{f"field_{field.afferent}.png": field_figure(field) for field in fields},
+        "fields.csv": maps,
+        "areas.csv": areas,
+    }
+    write_files(args.output, files)
     print(areas.to_string(index=False))
     words = ", ".join(f"{name} {depth:.3g} um" for name, depth in thresholds.items())
     print(f"thresholds: {words}")
-    files: dict[str, Content] = {
-        f"field_{field.afferent}.png": field_figure(field) for field in fields
-    }
     return {
-        **write_files(args.output, {**files, "fields.csv": maps, "areas.csv": areas}),
+        **written(args.output, list(files)),
         "threshold_um": thresholds,
         "areas": areas.to_dict(orient="records"),
     }

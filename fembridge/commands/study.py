@@ -11,7 +11,7 @@ import argparse
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands import Content, write_files
+from fembridge.commands import Content, write_files, written
 from fembridge.commands.options import STORED_FINGER, Several, add_from, add_output_option
 from fembridge.terminal import INTERRUPTED, log
 
@@ -92,15 +92,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if not study.finished:
         log(f"interrupted: {tried} of {len(cases)} cases are kept")
     summary = studies.summary_text(study)
-    print(summary)
     files: dict[str, Content] = {
         studies.CASES_FILE: lambda path: studies.write_cases(path, study),
         PICTURE_FILE: study_figure(study),
         studies.SUMMARY_FILE: summary,
     }
+    write_files(args.output, files)
+    print(summary)
     best = {name: study.ranked(name)[0] for name in study.unfitted}
     return {
-        **write_files(args.output, files),
+        **written(args.output, list(files)),
         "cases": tried,
         "finished": study.finished,
         "best": {

@@ -8,7 +8,7 @@ Written are thresholds.csv and a picture, with published thresholds in it.
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands import Content, write_files
+from fembridge.commands import Content, write_files, written
 from fembridge.commands.options import (
     STORED_FINGER,
     Several,
@@ -68,14 +68,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     observed = read_evidence(args.thresholds, THRESHOLDS).table
     args.hz = ",".join(args.hz)
     found = api.thresholds(args.afferent, **words_of(args, api.thresholds))
-    _print(found)
     rows = found.to_numpy().tolist()
     files: dict[str, Content] = {
         PICTURE_FILE: thresholds_figure(found, observed),
         TABLE_FILE: lambda path: write_table(path, list(found.columns), rows),
     }
+    write_files(args.output, files)
+    _print(found)
     return {
-        **write_files(args.output, files),
+        **written(args.output, list(files)),
         "parameters": args.parameters,
         "thresholds": found.to_dict("records"),
     }

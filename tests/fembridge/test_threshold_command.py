@@ -93,6 +93,20 @@ def test_the_command_writes_a_table_and_a_picture(tmp_path, capsys):
     assert read_evidence(own, THRESHOLDS).table["amplitude_um"].tolist() == [1.0]
 
 
+def test_files_are_written_also_where_nobody_reads_what_is_printed(tmp_path, capsys, monkeypatch):
+    def left(*words, **how):
+        raise BrokenPipeError
+
+    monkeypatch.setattr("builtins.print", left)
+    words = ["threshold", "--afferent", "PC", "--hz", "20", "-o", str(tmp_path / "out")]
+    with pytest.raises(BrokenPipeError):
+        cli.main(words)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "thresholds.csv",
+        "thresholds.png",
+    }
+
+
 def test_a_table_in_the_place_of_a_set_brings_its_source(tmp_path):
     own = tmp_path / "own.csv"
     own.write_text("# Mine,\n# 2026.\ndistance_mm,amplitude_um\n# far\n1.5,40\n", encoding="utf-8")
