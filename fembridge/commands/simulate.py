@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         simulation = simulate(**words, log=notes, on_progress=bars)
     exported = exports(Recording.of(simulation), args.export) if args.export else {}
     simulation.write(args.output, plot=not args.no_plot, more=exported)
-    if args.no_plot:
+    if args.no_plot and (args.output / RASTER_FILE).is_file():
         remove_file(args.output / RASTER_FILE)  # of other spikes than those beside it
     count, rates = len(simulation.traces[0]), simulation.mean_rates
     print_table(
