@@ -707,6 +707,11 @@ def thresholds(
         ``afferent, criterion, frequency_hz, amplitude_um, least_um, most_um``: see
         `fembridge.tuning.thresholds`.
 
+    Raises
+    ------
+    UsageError
+        No such class, or a frequency that is not within 2 to 800 Hz.
+
     Examples
     --------
     >>> import fembridge as fb
@@ -722,6 +727,9 @@ def thresholds(
     from neural import parameter_set
 
     chosen = parameter_set(parameters)
+    if unknown := [name for name in afferents if name not in chosen.parameters]:
+        known = ", ".join(chosen.parameters)
+        raise UsageError(f"afferent {unknown[0]!r}, expected one of {known}")
     depth_um = chosen.preindent_um if preindent_um is None else preindent_um
     source = solved_source(Path(response)) if response else stored_source(finger or "quick")
     frequencies_hz = frequencies_of(hz) if isinstance(hz, str) else list(hz)

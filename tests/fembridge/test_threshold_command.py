@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import fembridge as fb
 from decks.stimuli import CATALOGUE
 from fembridge import cli
 from fembridge.errors import TableError, UsageError
@@ -75,6 +76,11 @@ def test_frequencies_are_third_octaves_or_a_list():
 def test_a_frequency_that_nobody_recorded_is_refused(response, frequency_hz):
     with pytest.raises(UsageError, match="2 to 800"):
         thresholds(response, RA, [frequency_hz])
+
+
+def test_a_class_that_there_is_not_is_refused():
+    with pytest.raises(UsageError, match="'PX', expected one of SA, RA, PC"):
+        fb.thresholds(["RA", "PX"], "5:10")
 
 
 def test_the_command_writes_a_table_and_a_picture(tmp_path, capsys):
