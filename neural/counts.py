@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
+from multiprocessing import parent_process
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -212,10 +213,10 @@ def compiled() -> Callable[..., None] | None:
 
 
 def _threads() -> int:
-    """As many as numba may take of this process's cores, ``NUMBA_NUM_THREADS``."""
+    """As many as numba may take of the cores, ``NUMBA_NUM_THREADS``; of a worker process, one."""
     from numba import config
 
-    return int(config.NUMBA_NUM_THREADS)
+    return 1 if parent_process() else int(config.NUMBA_NUM_THREADS)
 
 
 def _step_each(
