@@ -169,11 +169,9 @@ def simulate(
             yes=yes,
             log=log,
         )
-    depths_um, of_model = (
-        {one.preindent_um for one in stimuli},
-        finger_id(finger_table(model.finger)),
-    )
-    if unlike := simulation.unlike_the_fit(chosen, of_model, depths_um):
+    depths_um = {one.preindent_um for one in stimuli}
+    own = finger_id(finger_table(model.finger))
+    if unlike := simulation.unlike_the_fit(chosen, own, depths_um):
         log(unlike)
     elif preindent_um is None and depth_um:
         depth = f"{depth_um:g} um deep before time 0"
