@@ -43,10 +43,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     import os
 
     from fembridge.errors import UsageError
-    from fembridge.report.verify import PAGE_FILE, verify, versions_here, write_report
+    from fembridge.report.verify import (
+        PAGE_FILE,
+        studies_named,
+        verify,
+        versions_here,
+        write_report,
+    )
 
     if args.jobs is not None and args.jobs < 1:
         raise UsageError(f"--jobs is {args.jobs}, expected 1 or more")
+    studies_named(args.only)  # a wrong word is said before a solver that is not there
     versions = versions_here()
     with SolverBars() as bars:
         findings = verify(

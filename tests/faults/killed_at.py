@@ -124,7 +124,7 @@ class Results:
         for name, text in FILES.items():
             (log.parent / name).write_text(text.replace("DECK", deck[3:6]))
         log.write_text("CalculiX Version 2.20, Copyright\n Job finished\n")
-        process = subprocess.Popen(["true"])
+        process = subprocess.Popen([sys.executable, "-ISc", ""])  # a shell tool may be absent
         SOLVER_AT_WORK.clear()
         return process
 
