@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 
 from fembridge.errors import ParameterError
@@ -30,22 +29,6 @@ def test_four_points_give_the_line_worked_out_by_hand():
     assert line.r_squared == pytest.approx(8 / 15, rel=1e-14)
     assert line.p_value == pytest.approx(1 - math.sqrt(8 / 15), rel=1e-13)
     assert line.count == 4
-
-
-def test_the_p_value_is_the_share_of_shuffles_that_correlate_as_well():
-    """A t test against 5000 shuffles of normal rates: within 4 standard errors."""
-    rng = np.random.default_rng(11)
-    observed = rng.normal(50.0, 10.0, 30)
-    predicted = 0.3 * observed + rng.normal(0.0, 10.0, 30)
-    line = regression(observed, predicted)
-    shuffles = rng.permuted(np.tile(predicted, (5000, 1)), axis=1)
-
-    products = (shuffles - predicted.mean()) @ (observed - observed.mean())
-    chance = (products / (30.0 * observed.std() * predicted.std())) ** 2
-
-    share = np.mean(chance >= line.r_squared)
-    assert 0.02 < line.p_value < 0.5
-    assert abs(share - line.p_value) < 4.0 * math.sqrt(line.p_value / 5000)
 
 
 @pytest.mark.parametrize("rate_ips", [0.0, 0.1, 123.4])

@@ -66,15 +66,6 @@ def test_a_moved_spike_costs_by_how_far_it_moved(moved_ms, scale):
     )
 
 
-def test_near_trains_keep_their_digits():
-    """δ = 2⁻⁴⁰ ms: 1 − exp(−δ/τ) is δ/τ, which a sum over pairs would round away."""
-    moved_ms = 2.0**-40
-
-    squared = van_rossum_distance([1.0], [1.0 + moved_ms], 10.0) ** 2
-
-    assert squared == pytest.approx(moved_ms / 10.0, rel=1e-9, abs=0.0)
-
-
 def test_long_trains_are_what_their_definitions_say():
     """A second of PC, locked to 300 Hz, and the same 0.4 ms late: 300 q δ.
 

@@ -62,23 +62,6 @@ def steps_of(model, requests, dialect=None, **request):
 # ---- CalculiX
 
 
-def test_ccx_writes_float64_at_the_afferents():
-    assert steps_of(MODEL, "", afferents=WITH_SETS) == SETS + HEAD + BINARY
-
-
-def test_requests_go_and_printed_tables_contact_and_comments_stay():
-    requests = (
-        "** before\n*NODE FILE, FREQUENCY=5\n** what\nU, RF\n*El File, NSET=ALL\nS\nE\n"
-        "\n*CONTACT FILE, FREQUENCY=3\nCDIS\n*node print, NSET=ALL\nU\n** last\n"
-    )
-    stay = (
-        "** before\n** what\n\n*CONTACT FILE, FREQUENCY=3\nCDIS\n"
-        "*node print, NSET=ALL\nU\n** last\n"
-    )
-    everywhere = BINARY.replace(", NSET=FEMBRIDGE_OUTPUT", "")
-    assert steps_of(MODEL, requests) == HEAD + stay + everywhere
-
-
 def test_the_last_increment_of_the_step_before_is_written_too():
     """It is the state at the waveform's start, which ccx writes in no other way."""
     settle = "*STEP\n*STATIC\n0.1, 1.\n"

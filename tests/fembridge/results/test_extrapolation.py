@@ -13,7 +13,7 @@ from fembridge.results.extrapolation import ELEMENT_TYPES, node_places, node_wei
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.stress import von_mises_pa
 
-ROOT3, ROOT15 = math.sqrt(3), math.sqrt(15)
+ROOT3 = math.sqrt(3)
 FULL = [n for n in ELEMENT_TYPES if ELEMENT_TYPES[n].points > 1]
 
 
@@ -60,20 +60,6 @@ def test_a_linear_field_in_a_parallelogram_comes_out_exactly(number, jitter, fie
 
     wanted = value(shape_functions(about, to) @ at_corners)
     assert_allclose(found, wanted, rtol=0, atol=1e-12 * (1 + sum(map(abs, field))))
-
-
-@pytest.mark.parametrize("number", [7, 11, 27, 80])
-def test_points_grow_along_xi_first_then_eta_then_zeta(number):
-    about = ELEMENT_TYPES[number]
-    here, to = point_places(about.family, about.points), node_places(about)
-    side = round(about.points ** (1 / here.shape[1]))
-    gauss = {2: 1 / ROOT3, 3: ROOT15 / 5}[side]
-    for axis in range(here.shape[1]):
-        growing = [k // side**axis % side for k in range(about.points)]
-        values = (np.array(growing) - (side - 1) / 2) * 2 / (side - 1)  # -1 to 1
-        assert_allclose(here[:, axis], values * gauss, atol=1e-15)
-        at_nodes = weights_of(number, "linear") @ np.array(values)
-        assert_allclose(at_nodes, to[:, axis] / gauss, atol=1e-12)
 
 
 # Stress xx yy zz xy yz zx at the integration points of one brick of 5 x 5 x 10, and the

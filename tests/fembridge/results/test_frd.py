@@ -1,25 +1,26 @@
-"""Histories at nodes of a ``.frd``: recorded runs, what a writer knows, and damage."""
+"""A ``.frd``: recorded runs, what a writer knows, damage, at nodes and whole, and its mesh."""
 
-import hashlib
 import json
 import os
 import shutil
 import struct
-import tomllib
+import subprocess
 import tracemalloc
+import weakref
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+from opened import mesh_of, read_field
 
-from fembridge.errors import FembridgeError, ResultError
+from fembridge.errors import FembridgeError, ResultError, UsageError
 from fembridge.results import describe, frd, read, read_fields
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.frd import FrdIndex
+from fembridge.results.frd import KIND_OF_TYPE, NODES_OF_TYPE, FrdIndex
 from fembridge.results.nodes import read_node_sets
 from fembridge.results.printed import read_node_print
 from fembridge.results.read_options import ReadOptions
@@ -35,12 +36,6 @@ EXPECTED = json.loads((SAMPLES / "expected.json").read_text())
 INDEXED = [name for name, row in EXPECTED.items() if "datasets" in row]
 WITH_STRESS = [name for name, row in EXPECTED.items() if "von_mises_at_nodes" in row]
 LENIENT = ReadOptions(partial=True, across_materials=True)
-
-
-def test_the_samples_are_those_that_were_recorded():
-    sums = tomllib.loads((SAMPLES / "RUN.toml").read_text())["sha256"]
-    found = {name: hashlib.sha256((SAMPLES / name).read_bytes()).hexdigest() for name in sums}
-    assert found == sums
 
 
 @pytest.mark.parametrize("name", INDEXED)
@@ -94,8 +89,6 @@ def test_a_missing_node_is_named_with_its_neighbours():
 
 AS_IS = ReadOptions(stress_unit="Pa")
 PRINTED = "{:12.5E}".format
-IDS = st.lists(st.integers(1, 99_999), min_size=1, max_size=40)
-FLAGS = st.sampled_from([0, 1, 2, 3])
 
 
 def stored(values, flag):
@@ -127,19 +120,50 @@ def random_blocks(block, ids, flags, seed, count=6, name="STRESS", components=()
     return blocks, [stored(table, f) for table, f in zip(values, flags, strict=True)]
 
 
-@given(ids=IDS, flags=st.lists(FLAGS, min_size=1, max_size=4), seed=st.integers(0, 99))
-def test_values_come_back_for_any_order_duplicates_and_mixed_storage(
-    block, write_frd, ids, flags, seed
+@given(
+    ids=st.lists(st.integers(1, 99_999), min_size=1, max_size=40),
+    flags=st.lists(st.sampled_from([0, 1, 2, 3]), min_size=1, max_size=4),
+    count=st.integers(1, 14),
+    seed=st.integers(0, 99),
+)
+def test_what_was_written_is_read_for_any_order_duplicates_and_storage(
+    block, write_frd, ids, flags, count, seed
 ):
-    blocks, expected = random_blocks(block, ids, flags, seed)
-    path = write_frd(blocks)
+    """At nodes, where of duplicates the first counts, and whole, of any count of components."""
+    names = tuple(f"SDV{k}" for k in range(count))
+    stress, tensors = random_blocks(block, ids, flags, seed)
+    others, tables = random_blocks(block, ids, flags, seed, count, "SDV", names)
+    path = write_frd([one for both in zip(stress, others, strict=True) for one in both])
     wanted = list(dict.fromkeys(reversed(ids)))
-    rows = [ids.index(node) for node in wanted]  # of duplicates the first
 
     times_ms, tensor_pa = read_values(path, wanted, AS_IS)
+    fields = list(read_fields(path, "SDV"))
 
-    assert_array_equal(tensor_pa, np.stack(expected)[:, rows])
+    assert_array_equal(tensor_pa, np.stack(tensors)[:, [ids.index(node) for node in wanted]])
     assert_array_equal(times_ms, [0.5 * (k + 1) for k in range(len(flags))])
+    assert [field.increment for field in fields] == [k + 1 for k in range(len(flags))]
+    for field, table in zip(fields, tables, strict=True):
+        assert (field.components, field.nodes.tolist()) == (names, ids)
+        assert_array_equal(field.values, table)
+
+
+@pytest.mark.parametrize("flag", [1, 2, 3])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_value_that_is_no_number_is_named_or_its_increment_left_out(write_frd, block, flag, bad):
+    rows = [(1, [1.0] * 6), (2, [1.0] * 6)]
+    odd = [rows[0], (2, [1.0, bad, 1.0, 1.0, 1.0, 1.0])]
+    path = write_frd(
+        [block("STRESS", k, k * 1e-3, odd if k == 2 else rows, flag) for k in (1, 2, 3)]
+    )
+    words = f"node 2 at 2 ms: STRESS SYY is {bad}"
+    for reader in (lambda: read_values(path, [2]), lambda: list(read_fields(path))):
+        with pytest.raises(ResultError, match=words):
+            reader()
+    said = []
+    partial = {"partial": True, "log": said.append}
+    assert read_values(path, [2], ReadOptions(**partial))[0].tolist() == [1.0, 3.0]
+    assert [field.increment for field in read_fields(path, **partial)] == [1, 3]
+    assert said == [f"dropped step 1, increment 2: {words}"] * 2
 
 
 @pytest.mark.parametrize(
@@ -225,22 +249,6 @@ def test_a_count_that_lies_is_no_shift_of_records(block, write_frd, flag, count)
         read_values(write_frd(blocks), [1, 2])
 
 
-@pytest.mark.parametrize("flag", [1, 2, 3])
-@pytest.mark.parametrize("bad", [float("nan"), float("inf"), float("-inf")])
-def test_a_value_that_is_no_number_is_named_by_node_and_time(block, write_frd, flag, bad):
-    blocks = [
-        block("STRESS", 1, 5e-4, [(4, [1.0] * 6)], flag=flag),
-        block("STRESS", 2, 1e-3, [(4, [1.0, bad, 1, 1, 1, 1])], flag=flag),
-    ]
-    path = write_frd(blocks)
-    with pytest.raises(ResultError, match=r"node 4 at 1 ms: STRESS SYY is -?(nan|inf)"):
-        read_values(path, [4])
-    logged = []
-    options = ReadOptions(partial=True, log=logged.append)
-    assert read_values(path, [4], options)[0].tolist() == [0.5]
-    assert logged[0].startswith("dropped step 1, increment 2: node 4 at 1 ms")
-
-
 HOLE_BYTES = 2 << 30  # of a sparse file: no disk is used
 SEARCHED = HOLE_BYTES if os.environ.get("CI") == "true" else 32 << 20
 # Sample, where it says the damage is, and the times that --partial still reads at node 11.
@@ -276,18 +284,17 @@ def test_empty_blocks_are_named_from_the_first_increment_on(block, write_frd):
 
 
 @pytest.mark.parametrize("name", DAMAGED)
-def test_a_damaged_sample_is_refused_in_the_right_words(samples, name):
-    with pytest.raises(ResultError, match=DAMAGED[name][0]):
-        read_values(samples / f"{name}.frd", [11])
-
-
-@pytest.mark.parametrize("name", [n for n, row in DAMAGED.items() if row[1]])
-def test_what_was_whole_before_the_damage_is_read_and_equals_the_file(samples, name):
+def test_a_damaged_sample_is_refused_in_the_right_words_and_its_beginning_read(samples, name):
     """Of these runs the first increments are those of the run that ended well."""
+    words, times_ms = DAMAGED[name]
+    with pytest.raises(ResultError, match=words):
+        read_values(samples / f"{name}.frd", [11])
+    if not times_ms:
+        return
     logged = []
     options = ReadOptions(partial=True, across_materials=True, log=logged.append)
-    times_ms, tensor_pa = read_values(samples / f"{name}.frd", [11], options)
-    assert times_ms.tolist() == DAMAGED[name][1]
+    found_ms, tensor_pa = read_values(samples / f"{name}.frd", [11], options)
+    assert found_ms.tolist() == times_ms
     assert logged
     twin = {"kill_ascii": "kill_bin_f32", "kill_bin_f32": "kill_ascii"}.get(name)
     if name in ("cpe4_diskfull", "cpe4_bin_diskfull", "cpe4_incmax"):
@@ -396,14 +403,6 @@ def test_a_mesh_count_of_billions_takes_no_memory(block, write_frd, kind, mesh_f
     assert peak_bytes(action) < 8 << 20
 
 
-def test_a_header_that_announces_thousands_of_components_is_named(block, write_frd):
-    path = write_frd([block("STRESS", 1, 1e-3, [(1, [1.0] * 6)])])
-    content = path.read_bytes().replace(b" -4  STRESS      6", b" -4  STRESS  99999")
-    path.write_bytes(content)
-    with pytest.raises(ResultError, match="STRESS announces 99999 components"):
-        read(path, [1])
-
-
 def test_bytes_that_look_like_markers_are_values_in_a_binary_block(block, write_frd):
     for text in (b" -3\n", b" 9999\n  ", b"    1PST", b"  100CL "):
         (value,) = struct.unpack("<d", text.ljust(8)[:8])
@@ -415,3 +414,261 @@ def test_bytes_that_look_like_markers_are_values_in_a_binary_block(block, write_
         options = ReadOptions(stress_unit="Pa")
         tensor_pa = read_values(path, [1], options)[1]
         assert tensor_pa[:, 0, 0].tolist() == [value, value]
+
+
+# ---- Whole fields and the mesh
+
+
+def three_digits(value):
+    text = f"{value:.5E}"
+    return f"{text[:-2]}0{text[-2:]}".rjust(12)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize("line_end", ["\n", "\r\n"])
+@pytest.mark.parametrize("chunk_bytes", [1 << 20, 400])
+def test_exponents_of_three_digits_are_read(
+    write_frd, block, sign, line_end, chunk_bytes, monkeypatch
+):
+    monkeypatch.setattr("fembridge.results.byte_file.CHUNK_BYTES", chunk_bytes)
+    values = [sign * 5.28012e-3, 3.06745e-3, sign, 0.0, 2e10, -1e-12, 7.5]
+    names = tuple(f"SDV{k}" for k in range(7))
+    records = [(node, [node * x for x in values]) for node in range(1, 30)]
+    blocks = [
+        block("SDV", k, k * 1e-3, records, components=names, number=three_digits) for k in (1, 2)
+    ]
+    path = write_frd(blocks, line_end=line_end)
+    expected = [[float(f"{x:.5E}") for x in row] for _, row in records]
+    assert [field.values.tolist() for field in read_fields(path, "SDV")] == [expected] * 2
+
+
+def test_a_field_is_read_only_and_finds_its_nodes(samples):
+    field = next(read_fields(samples / "cpe4_nset_unsorted_dup.frd"))
+    assert field.nodes.tolist() == [25, 11, 18, 11]
+    assert_array_equal(field.at([11, 25]), field.values[[1, 0]])
+    with pytest.raises(ValueError):
+        field.values[0, 0] = 0.0
+    with pytest.raises(UsageError, match="has no node 12"):
+        field.at([12])
+    with pytest.raises(UsageError):
+        field.component("SXZ")
+
+
+@pytest.mark.parametrize("flag", [1, 2])
+def test_no_more_than_two_increments_and_one_piece_of_text_are_in_memory(
+    write_frd, block, flag, monkeypatch
+):
+    """Counted, not measured: what else the process allocates does not matter."""
+    records = [(node, [float(node)] * 6) for node in range(1, 8001)]
+    path = write_frd([block("STRESS", k, k * 1e-3, records, flag) for k in (1, 2, 3)])
+    taken, alive = [], []
+    take = ByteFile.take
+    monkeypatch.setattr(
+        ByteFile, "take", lambda self, at, size: taken.append(size) or take(self, at, size)
+    )
+    for field in read_fields(path):
+        assert sum(one() is not None for one in alive) <= 1  # the one before
+        alive.append(weakref.ref(field.values.base))
+    assert len(alive) == 3
+    del field
+    assert all(one() is None for one in alive)
+    assert max(taken) < 400_000
+
+
+ELEMENTS = st.lists(
+    st.tuples(st.sampled_from(sorted(NODES_OF_TYPE)), st.integers(1, 3)), min_size=1, max_size=40
+)
+
+
+@settings(deadline=None)
+@given(
+    kinds=ELEMENTS,
+    mesh_flag=st.sampled_from([1, 2]),
+    line_end=st.sampled_from(["\n", "\r\n"]),
+    runs=st.integers(1, 40),
+    seed=st.integers(0, 99),
+)
+def test_any_mix_of_elements_is_read_as_it_was_written(
+    write_frd, kinds, mesh_flag, line_end, runs, seed
+):
+    rng, nodes = np.random.default_rng(seed), [3, 1, *range(7, 50)]
+    elements = [
+        (kind, material, rng.choice(nodes, NODES_OF_TYPE[kind]).tolist())
+        for kind, material in kinds
+        for _ in range(1 + runs // len(kinds))
+    ]
+    if mesh_flag == 2:
+        line_end = "\n"  # among packed numbers it would be one of them
+    path = write_frd([], nodes=nodes, elements=elements, mesh_flag=mesh_flag, line_end=line_end)
+    grid = mesh_of(path)
+    assert grid.nodes.tolist() == nodes
+    assert grid.points_mm.tolist() == [[node, 0, 0] for node in nodes]
+    assert grid.materials == {1: "EPI", 2: "DER"}
+    numbered = [(number, *row) for number, row in enumerate(elements, start=1)]
+    assert [cells.kind for cells in grid.cells] == [
+        KIND_OF_TYPE[kind] for kind in sorted({kind for kind, _, _ in elements})
+    ]
+    for cells in grid.cells:
+        mine = [row for row in numbered if KIND_OF_TYPE[row[1]] == cells.kind]
+        assert cells.ids.tolist() == [number for number, *_ in mine]
+        assert cells.material.tolist() == [material for _, _, material, _ in mine]
+        assert grid.nodes[cells.rows].tolist() == [corners for *_, corners in mine]
+    met = [
+        len({material for _, material, corners in elements if node in corners}) for node in nodes
+    ]
+    assert grid.met.tolist() == met
+
+
+@pytest.mark.parametrize("mesh_flag", [1, 2])
+@pytest.mark.parametrize("chunk_bytes", [300, 997, 5000])
+def test_a_mesh_larger_than_a_chunk_is_read_whole(write_frd, mesh_flag, chunk_bytes, monkeypatch):
+    monkeypatch.setattr("fembridge.results.frd.CHUNK_BYTES", chunk_bytes)
+    monkeypatch.setattr("fembridge.results.frd._TEXT_BYTES", chunk_bytes)
+    nodes = list(range(1, 130))
+    elements = [(9, 1, range(k, k + 4)) for k in range(1, 99)]
+    elements[50:50] = [(4, 2, range(k, k + 20)) for k in range(1, 77)]
+    path = write_frd([], nodes=nodes, elements=elements, mesh_flag=mesh_flag)
+    mesh = mesh_of(path)
+    hex20, quad4 = mesh.cells
+    assert (hex20.kind, quad4.kind) == ("hex20", "quad4")
+    assert mesh.nodes[hex20.rows].tolist() == [list(range(k, k + 20)) for k in range(1, 77)]
+    assert mesh.nodes[quad4.rows].tolist() == [list(range(k, k + 4)) for k in range(1, 99)]
+    assert quad4.ids.tolist() == [*range(1, 51), *range(127, 175)]
+
+
+def test_the_mesh_of_a_sample_is_that_of_its_deck(samples):
+    deck = (samples / "interface_cpe8r.inp").read_text().splitlines()
+    start = deck.index("*NODE, NSET=NALL") + 1
+    nodes, elements, section = {}, {}, "*NODE"
+    for line in deck[start:]:
+        number, *words = line.split(",")
+        if line.startswith("*"):
+            section = number
+        elif section == "*NODE":
+            nodes[int(number)] = [float(word) for word in words]
+        elif section == "*ELEMENT":
+            elements[int(number)] = [int(word) for word in words]
+    grid = mesh_of(samples / "interface_cpe8r.frd")
+    places = grid.points_mm.tolist()
+    assert dict(zip(grid.nodes.tolist(), places, strict=True)) == nodes
+    (cells,) = grid.cells
+    assert cells.kind == "quad8"
+    assert dict(zip(cells.ids.tolist(), grid.nodes[cells.rows].tolist(), strict=True)) == elements
+    on_boundary = grid.points_mm[:, 1] == 0.5
+    assert_array_equal(grid.met == 2, on_boundary)
+
+
+def test_blank_counts_and_beams_are_read(samples):
+    """As in the file of the last iterations: contact springs are two-node beams."""
+    grid = mesh_of(samples / "cpe4_lastiter_ResultsForLastIterations.frd")
+    assert grid.nodes.size == 188
+    assert [(c.kind, c.rows.shape) for c in grid.cells] == [("hex8", (30, 8)), ("line2", (112, 2))]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (b" -2         1         2", b" -2         1         x", "is no element"),
+        (b" -2         1         2", b" -2         1        77", "has node 77"),
+        (b"    9    0    1", b"   10    0    1", "type 10 has 4 nodes, expected 8"),
+        (b"    9    0    1", b"   19    0    1", "type 19 has 4 nodes"),
+        (b" -1         1    9", b" -1         x    9", "is no element"),
+        (b"2 2.00000E+00", b"2 2.0O000E+00", "node block, node 2, x: "),
+        (b"2 2.00000E+00", b"2         NAN", "node 2 at 0 ms: node block x is nan"),
+        (b" -1         2 2.0", b" -1         1 2.0", "a node is duplicate"),
+    ],
+)
+def test_a_damaged_mesh_is_said(write_frd, old, new, words):
+    path = write_frd([])
+    content = path.read_bytes()
+    assert content.count(old) == 1
+    path.write_bytes(content.replace(old, new))
+    with pytest.raises(ResultError, match=words):
+        mesh_of(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (b"1.00000E+00", b"1.0000xE+00", r"node 2, SYY: ' 1.0000xE\+00' is no number"),
+        (b" -1         2", b" -1       2 x", "record 2 of 2 begins with"),
+        (b" -1         2", b" -5         2", "record 2 of 2 begins with"),
+        (b" -4  STRESS      6", b" -4  STRESS  99999", "STRESS announces 99999 components"),
+    ],
+)
+def test_a_damaged_record_is_named(write_frd, block, old, new, words):
+    records = [(1, [2.0] * 6), (2, [3.0, 1.0, 3.0, 3.0, 3.0, 3.0])]
+    path = write_frd([block("STRESS", 1, 1e-3, records)])
+    content = path.read_bytes()
+    at = content.rindex(old)
+    path.write_bytes(content[:at] + new + content[at + len(old) :])
+    with pytest.raises(ResultError, match=words):
+        list(read_fields(path, partial=True))
+
+
+@pytest.mark.parametrize(
+    ("increment", "step", "number", "time_ms"),
+    [("last", 2, 2, 3.0), ("1:2", 1, 2, 1.0), ("2:1", 2, 1, 2.5), ("4", 1, 4, 2.0)],
+)
+def test_an_increment_is_chosen_by_number_or_step_and_number(
+    samples, increment, step, number, time_ms
+):
+    field = read_field(samples / "cpe4_2step_mixed.frd", "STRESS", increment)
+    assert (field.step, field.increment) == (step, number)
+    assert field.time_ms == pytest.approx(time_ms)
+
+
+@pytest.mark.parametrize("word", ["2", "first", "-1", "1:", "1:2:3", ""])
+def test_a_word_that_chooses_no_increment_or_two_is_misuse(samples, word):
+    with pytest.raises(UsageError, match="in 2 steps: 1:2, 2:2" if word == "2" else "last, N"):
+        read_field(samples / "cpe4_2step_mixed.frd", "STRESS", word)
+    with pytest.raises(ResultError, match="no increment 9 of DISP, it has 1:1 to 1:4"):
+        read_field(samples / "cpe4_ascii.frd", "DISP", "9")
+
+
+SHELL = """*NODE
+1, 0, 0, 0
+2, 1, 0, 0
+3, 0, 1, 0
+4, 1, 1, 0
+5, .5, 0, 0
+6, .5, 1, 0
+7, 0, .5, 0
+8, 1, .5, 0
+*ELEMENT, TYPE=S8R, ELSET=E
+1, 1, 2, 4, 3, 5, 8, 6, 7
+*MATERIAL, NAME=A
+*ELASTIC
+1000, .3
+*ORIENTATION, NAME=O
+1, 0, 0, 0, 1, 0
+*SHELL SECTION, ELSET=E, COMPOSITE
+.1, , A, O
+.2, , A, O
+*BOUNDARY
+1, 1, 6
+3, 1, 6
+7, 1, 6
+*STEP
+*STATIC
+*CLOAD
+2, 3, -.001
+*NODE FILE, OUTPUT=3D
+U
+*END STEP
+"""
+
+
+@pytest.mark.solver
+def test_layers_of_a_composite_shell_are_the_same_packed_as_printed(tmp_path):
+    meshes = []
+    for name, deck in (("text", SHELL), ("packed", SHELL.replace("FILE", "OUTPUT"))):
+        (tmp_path / f"{name}.inp").write_text(deck)
+        subprocess.run(["ccx", name], cwd=tmp_path, check=True, capture_output=True)
+        held = describe(tmp_path / f"{name}.frd")
+        assert (held["elements"], held["problem"]) == (2, None)
+        assert "holds 2 times as many" in held["remarks"][0]
+        meshes.append(mesh_of(tmp_path / f"{name}.frd"))
+    printed, packed = (mesh.cells[0] for mesh in meshes)
+    assert np.array_equal(printed.rows, packed.rows)
+    assert np.array_equal(printed.ids, packed.ids)

@@ -23,7 +23,7 @@ from fembridge.results.stress import (
     von_mises_pa,
 )
 
-POISSON = st.floats(0.0, 0.499)
+POISSON = st.floats(0.0, 0.5)
 FOUR_TENSORS = hnp.arrays(np.float64, (4, 6), elements=st.floats(-1e5, 1e5))
 
 
@@ -38,20 +38,10 @@ def test_energy_stress_is_the_energy_that_hooke_s_law_gives_each_tensor(tensor, 
     assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * (1 + abs(tensor).max()))
 
 
-@given(tensor=FOUR_TENSORS)
-def test_energy_stress_without_change_of_volume_it_is_von_mises_stress(tensor):
-    """At ν = 1/2 all energy is of shape: 2EW = σ²."""
-    scale = 1 + abs(tensor).max()
-    assert_allclose(energy_stress_pa(tensor, 0.5), von_mises_pa(tensor), atol=1e-6 * scale)
-
-
 @pytest.mark.parametrize("poisson", [0.51, -1.1, float("nan")])
 def test_a_ratio_that_no_material_has_is_refused(poisson):
     with pytest.raises(ValueError):
         energy_stress_pa(np.zeros(6), poisson)
-
-
-BOUNDARY = (29, 30, 31, 32, 33, 34, 35, 36, 37)  # nodes of interface_cpe8r at y = 0.5
 
 
 def matrices_of(tensor):
@@ -128,21 +118,20 @@ def test_strain_energy_is_the_ener_of_a_recorded_shear(write_frd, block):
     assert_allclose(energy_pa, fields["ENER"].component("ENER"), rtol=1e-4)
 
 
-@pytest.mark.parametrize("node", BOUNDARY)
-def test_each_side_of_a_layer_boundary_has_its_own_stress(samples, node):
+def test_each_side_of_a_layer_boundary_has_its_own_stress(samples):
     """Uniform stretch: 0.000549 MPa below and 0.02198 above, by closed form; the
     ``.frd`` has the mean of both at these nodes."""
     path = samples / "interface_cpe8r.frd"
-    below, above = sides(path, node, "EALL")
-    assert (below.name, above.name) == ("A", "B")
-    assert below.times_ms.tolist() == above.times_ms.tolist() == [1000.0]
-    for side, young_pa in ((below, 0.05e6), (above, 2.0e6)):
-        assert side.tensor_pa.shape == (1, 6)
-        sxx = 0.01 * young_pa / (1 - 0.3**2)
-        expected = [sxx, 0, 0.3 * sxx, 0, 0, 0]
-        assert_allclose(side.tensor_pa[0], expected, atol=1e-6 * sxx)
-    mean = next(read_fields(path)).at([node])[0, 0]
-    assert_allclose(mean, (below.tensor_pa + above.tensor_pa)[0, 0] / 2, rtol=1e-4)
+    field = next(read_fields(path))
+    for node in range(29, 38):  # at y = 0.5
+        below, above = sides(path, node, "EALL")
+        assert (below.name, above.name) == ("A", "B")
+        assert below.times_ms.tolist() == above.times_ms.tolist() == [1000.0]
+        for side, young_pa in ((below, 0.05e6), (above, 2.0e6)):
+            sxx = 0.01 * young_pa / (1 - 0.3**2)
+            assert_allclose(side.tensor_pa, [[sxx, 0, 0.3 * sxx, 0, 0, 0]], atol=1e-6 * sxx)
+        mean = (below.tensor_pa + above.tensor_pa)[0, 0] / 2
+        assert_allclose(field.at([node])[0, 0], mean, rtol=1e-4)
 
 
 def test_one_sided_stress_tells_what_is_missing(samples, tmp_path):

@@ -58,72 +58,50 @@ def test_linear_stress_comes_out_at_every_node(kind, write_post, binary):
             assert_allclose(tensor_pa[row, column], exact, rtol=0, atol=rounding * 1e7)
 
 
-def test_two_elements_worked_by_hand(write_post):
-    """Elements of 2 x 1 side by side; only sxx is not 0; points 1 to 4 as stored.
+@pytest.fixture
+def square(write_post):
+    """A file of one element with this stress at its points."""
+    plane = models.Plane(11, *models.grid(1, 1))
 
-    A corner has the mean of four and √3 times what its own point differs from that.
-    Node 2 is corner 2 of element 1 and corner 1 of element 2.
-    """
-    nodes = {1: (0, 0), 2: (2, 0), 3: (4, 0), 4: (0, 1), 5: (2, 1), 6: (4, 1)}
-    plane = models.Plane(11, nodes, [(1, 2, 5, 4), (2, 3, 6, 5)])
-    stored = [[10.0, 20.0, 30.0, 44.0], [1.0, 2.0, 4.0, 8.0]]
-    element = [[[abs(s), s, 0, 0, 0, 0, 0] for s in row] for row in stored]
-    increments = [writer.Increment(number=k, time_s=k * 1e-3, element=element) for k in (0, 1)]
-    path = write_post(writer.Storage(), plane.model(), increments)
+    def written(stress, change=lambda increments: increments, **changes):
+        increments = change(plane.increments(stress, (0.0, 1e-3)))
+        return write_post(writer.Storage(), plane.model(**changes), increments)
 
-    def at(node, method):
-        options = ReadOptions(extrapolate=method)
-        return read_values(path, [node], options)[1][0, 0, 0] / 1e6
-
-    in_first = 104 / 4 + math.sqrt(3) * (20 - 104 / 4)
-    in_second = 15 / 4 + math.sqrt(3) * (1 - 15 / 4)
-    assert at(2, "linear") == pytest.approx((in_first + in_second) / 2, rel=1e-6)
-    assert at(1, "linear") == pytest.approx(26 + math.sqrt(3) * (10 - 26), rel=1e-6)
-    assert at(2, "translate") == pytest.approx((20 + 1) / 2)
-    assert at(5, "translate") == pytest.approx((44 + 4) / 2)
-    assert at(2, "average") == pytest.approx((104 / 4 + 15 / 4) / 2)
-    assert at(4, "average") == pytest.approx(104 / 4)
+    return written
 
 
-def test_both_ways_to_von_mises_agree_where_stress_is_uniform_and_else_do_not(write_post):
+def test_both_ways_to_von_mises_agree_where_stress_is_uniform_and_else_do_not(square):
     """Shear that turns its sign inside the element: the tensor's is 0 at mid-height,
     the points' is √3 |τ| of each."""
-    nodes, quads = models.grid(1, 1)
-    plane = models.Plane(11, nodes, quads)
 
-    def file(stress):
-        return write_post(writer.Storage(), plane.model(), plane.increments(stress, (0.0, 1.0)))
+    def found(path, way, method="average"):
+        return mises_at(path, 1, ReadOptions(von_mises=way, extrapolate=method))[0]
 
-    def trace(path, way, method="average"):
-        options = ReadOptions(von_mises=way, extrapolate=method)
-        return mises_at(path, 1, options)[0]
-
-    same = file(lambda x, y, layer, t: [3.0, 1.0, -2.0, 0.5, 0, 0])
-    uniform = 1e6 * models.von_mises([3.0, 1.0, -2.0, 0.5, 0, 0])
-    assert trace(same, "tensor") == pytest.approx(uniform, rel=1e-6)
-    assert trace(same, "scalar") == pytest.approx(uniform, rel=1e-6)
-    turning = file(lambda x, y, layer, t: [0, 0, 0, y - 0.5, 0, 0])
-    assert trace(turning, "tensor") == pytest.approx(0.0, abs=1.0)
-    shear = math.sqrt(3) * 0.5 / math.sqrt(3)
-    assert trace(turning, "scalar") == pytest.approx(1e6 * shear, rel=1e-6)
-    assert trace(turning, "tensor", "linear") == pytest.approx(1e6 * math.sqrt(3) * 0.5, rel=1e-6)
-    assert trace(turning, "scalar", "linear") == pytest.approx(1e6 * shear, rel=1e-6)
+    same = square(lambda x, y, layer, t: [3.0, 1.0, -2.0, 0.5, 0, 0])
+    for way in ("tensor", "scalar"):
+        uniform = 1e6 * models.von_mises([3.0, 1.0, -2.0, 0.5, 0, 0])
+        assert found(same, way) == pytest.approx(uniform, rel=1e-6)
+    turning = square(lambda x, y, layer, t: [0, 0, 0, y - 0.5, 0, 0])
+    assert found(turning, "tensor") == pytest.approx(0.0, abs=1.0)
+    assert found(turning, "tensor", "linear") == pytest.approx(1e6 * math.sqrt(3) / 2, rel=1e-6)
+    for method in ("average", "linear"):
+        assert found(turning, "scalar", method) == pytest.approx(0.5e6, rel=1e-6)
 
 
-def test_the_points_own_von_mises_is_taken_as_stored_and_computed_without_it(write_post):
-    nodes, quads = models.grid(1, 1)
-    plane = models.Plane(11, nodes, quads)
-    stored = plane.increments(linear_stress, (0.0, 1e-3))
-    odd = [[[7.0, *values[1:]] for values in row] for row in stored[1].element]
-    stored = (stored[0], replace(stored[1], element=odd))
-    path = write_post(writer.Storage(), plane.model(), stored)
+def test_the_points_own_von_mises_is_taken_as_stored_and_computed_without_it(square):
+    def points(change):
+        return lambda increments: [
+            replace(one, element=[[change(values) for values in row] for row in one.element])
+            for one in increments
+        ]
+
     said = []
     options = ReadOptions(von_mises="scalar", extrapolate="translate", log=said.append)
+    path = square(linear_stress, points(lambda values: [7.0, *values[1:]]))
     assert mises_at(path, 1, options)[1] == pytest.approx(7e6)
     assert "Equivalent Von Mises Stress (code 17)" in said[0]
-    bare = [replace(one, element=[[v[1:] for v in row] for row in one.element]) for one in stored]
-    path = write_post(writer.Storage(), plane.model(codes=models.CODES[1:]), bare)
-    first_point = models.place(plane.corners[0], *models.POINTS[4][0])
+    path = square(linear_stress, points(lambda values: values[1:]), codes=models.CODES[1:])
+    first_point = models.place([(0, 0), (1, 0), (1, 1), (0, 1)], *models.POINTS[4][0])
     wanted = 1e6 * models.von_mises(linear_stress(*first_point, 0, 1e-3))
     assert mises_at(path, 1, options)[1] == pytest.approx(wanted, rel=1e-6)
     assert "at the points" in said[-1]
@@ -159,32 +137,29 @@ def test_a_node_has_the_mean_of_its_elements_as_a_plain_loop_finds_it(
     assert_allclose(found[1, 0], 1e6 * total / count, rtol=1e-9, atol=1e-3)
 
 
-def test_the_first_stress_tensor_there_is_is_taken_and_named(write_post):
-    nodes, quads = models.grid(1, 1)
-    plane = models.Plane(11, nodes, quads)
-    codes = tuple((341 + k, 0, "") for k in range(6))
-    both = (*((311 + k, 0, "") for k in range(6)), *reversed(codes))
-
-    def file(codes, values):
-        element = [[values] * 4]
-        increments = [writer.Increment(number=k, time_s=k * 1e-3, element=element) for k in (0, 1)]
-        model = plane.model(codes=codes)
-        return write_post(writer.Storage(), model, increments)
-
+@pytest.mark.parametrize(
+    ("firsts", "taken", "named"),
+    [
+        ((311,), 0, "Stress (codes 311 to 316)"),
+        ((341,), 0, "Cauchy Stress (codes 341 to 346)"),
+        ((311, 341), 1, "Cauchy Stress (codes 341 to 346)"),
+        ((11,), 0, ""),
+    ],
+)
+@pytest.mark.parametrize("way", [1, -1])
+def test_the_first_stress_tensor_there_is_is_taken_and_named(firsts, taken, named, way, write_post):
+    """Of components in any order."""
+    plane = models.Plane(11, *models.grid(1, 1))
+    codes = [(first + k, 0, "") for first in firsts for k in range(6)][::way]
+    values = [[[code % 5 + 10.0 * (code > 340) for code, _, _ in codes]] * 4]
+    increments = [writer.Increment(number=k, time_s=k * 1e-3, element=values) for k in (0, 1)]
+    path = write_post(writer.Storage(), plane.model(codes=tuple(codes)), increments)
     said = []
-    options = ReadOptions(log=said.append)
-    only = read_values(file(codes, [1, 2, 3, 4, 5, 6]), [1], options)[1]
-    assert_allclose(only[0, 0], [1e6, 2e6, 3e6, 4e6, 5e6, 6e6])
-    assert said[-1].startswith("stress: Cauchy Stress (codes 341 to 346)")
-    mixed = file(both, [1, 2, 3, 4, 5, 6, 12, 11, 10, 9, 8, 7])
-    found = read_values(mixed, [1], options)[1]
-    assert_allclose(found[0, 0], [7e6, 8e6, 9e6, 10e6, 11e6, 12e6])
-    assert said[-1].startswith("stress: Cauchy Stress (codes 341 to 346)")
-    plain = file(both[:6], [1, 2, 3, 4, 5, 6])
-    assert_allclose(read_values(plain, [1], options)[1][0, 0, 0], 1e6)
-    assert said[-1].startswith("stress: Stress (codes 311 to 316)")
-    single = file(tuple((11 + k, 0, "") for k in range(6)), [1, 2, 3, 4, 5, 6])
-    assert_allclose(read_values(single, [1], options)[1][0, 0, 5], 6e6)
+    found = read_values(path, [1], ReadOptions(log=said.append))[1]
+    first = firsts[taken]
+    wanted = [1e6 * (code % 5 + 10.0 * (code > 340)) for code in range(first, first + 6)]
+    assert_allclose(found[0, 0], wanted)
+    assert said[-1].startswith(f"stress: {named}")
 
 
 @pytest.mark.parametrize(
@@ -237,21 +212,26 @@ def last_mpa(path, node, **options):
     return tensor_pa[-1, 0, 0] / 1e6
 
 
-def test_a_node_between_layers_is_refused_with_both_names(two_layers, write_post):
-    path = file_of(two_layers, write_post)
-    ids = ("elements with ids 1 1 1 3 1", "elements with ids 2 1 1 3 1")
-    words = f"node 7 lies between {' and '.join(ids)}: a mean over both"
-    with pytest.raises(ResultError, match=words):
+LAYERS = (("epidermis", 0, (1, 2, 4, 5), ()), ("dermis", 0, (3, 6), ()), ("n", 1, (7,), ()))
+
+
+@pytest.mark.parametrize(
+    ("changes", "names"),
+    [
+        ({}, "elements with ids 1 1 1 3 1 and elements with ids 2 1 1 3 1: a mean over both"),
+        ({"sets": LAYERS}, "epidermis and dermis: .*one-sided"),
+        ({"sets": LAYERS, "revision": 12}, "epidermis and dermis"),  # which has no ids
+    ],
+)
+def test_a_node_between_layers_is_refused_with_both_names(two_layers, write_post, changes, names):
+    path = file_of(two_layers, write_post, **changes)
+    with pytest.raises(ResultError, match=f"node 7 lies between {names}"):
         last_mpa(path, BETWEEN)
-    sets = (("epidermis", 0, (1, 2, 4, 5), ()), ("dermis", 0, (3, 6), ()))
-    path = file_of(two_layers, write_post, sets=sets)
-    with pytest.raises(ResultError, match=r"between epidermis and dermis: .*one-sided"):
-        last_mpa(path, BETWEEN)
+    assert last_mpa(path, IN_STIFF) == pytest.approx(STIFF_MPA)
 
 
 def test_each_side_of_a_boundary_for_itself(two_layers, write_post):
-    sets = (("epidermis", 0, (1, 2, 4, 5), ()), ("dermis", 0, (3, 6), ()))
-    path = file_of(two_layers, write_post, sets=sets)
+    path = file_of(two_layers, write_post, sets=LAYERS)
     soft, stiff = sides(path, BETWEEN)
     assert (soft.name, stiff.name) == ("epidermis", "dermis")
     assert (soft.elements, stiff.elements) == ((2, 5), (3, 6))
@@ -259,14 +239,6 @@ def test_each_side_of_a_boundary_for_itself(two_layers, write_post):
     assert_allclose(stiff.von_mises_pa, [0, STIFF_MPA * 1e6], rtol=1e-6)
     (alone,) = sides(path, INSIDE)
     assert alone.elements == (1, 2, 4, 5)
-
-
-def test_a_file_without_ids_is_asked_for_its_element_sets(two_layers, write_post):
-    sets = (("soft", 0, (1, 2, 4, 5), ()), ("stiff", 0, (3, 6), ()), ("n", 1, (7,), ()))
-    path = file_of(two_layers, write_post, revision=12, sets=sets)
-    with pytest.raises(ResultError, match="node 7 lies between soft and stiff"):
-        last_mpa(path, BETWEEN)
-    assert last_mpa(path, IN_STIFF) == pytest.approx(STIFF_MPA)
 
 
 def test_a_file_that_tells_no_layers_is_read_and_that_is_said(two_layers, write_post):
@@ -277,34 +249,19 @@ def test_a_file_that_tells_no_layers_is_read_and_that_is_said(two_layers, write_
     assert "the file does not hold the materials of its elements" in said
 
 
-def extended(*values):
-    return "".join(f"{value:>10}" for value in values)
-
-
 def deck_text(plane):
-    """A deck of version 15 with a ``connectivity`` for each layer."""
-    lines = [
-        "title               job1",
-        "extended",
-        f"sizing              {extended(0, len(plane.elements), len(plane.nodes), 0)}",
-        f"elements            {extended(plane.kind)}",
-        f"version             {extended(15, 2, 0, 0)}",
-        "table               " + extended(0, 0, 2, 1, 1, 0, 0, 1),
-        "end",
-    ]
+    """A deck of version 15, free layout, with a ``connectivity`` for each layer."""
+    lines = ["title", "version,15", "table,0", "end"]
     for layer in (0, 1):
-        lines += ["connectivity", extended(0, 0, 1, 0, 1, layer + 1, 0, 1, 0)]
+        lines += ["connectivity", f"0,0,1,0,1,{layer + 1},0,1,0,"]
         lines += [
-            extended(row + 1, plane.kind, *nodes)
-            for row, (nodes, mine) in enumerate(zip(plane.elements, plane.layers, strict=True))
+            ",".join(map(str, (row, plane.kind, *nodes, "")))
+            for row, (nodes, mine) in enumerate(zip(plane.elements, plane.layers, strict=True), 1)
             if mine == layer
         ]
-    lines += ["coordinates", extended(3, len(plane.nodes), 0, 1)]
-    lines += [
-        f"{node:>10}{x:>20.10f}{y:>20.10f}{0.0:>20.10f}" for node, (x, y) in plane.nodes.items()
-    ]
-    lines.append("end option")
-    return "\n".join(lines) + "\n"
+    lines += ["coordinates", f"3,{len(plane.nodes)},0,1,"]
+    lines += [f"{node},{x},{y},0.," for node, (x, y) in plane.nodes.items()]
+    return "\n".join([*lines, "end option", ""])
 
 
 def test_the_deck_beside_tells_the_materials_of_a_file_without_ids(
