@@ -22,7 +22,6 @@ from decks.marc.grammar import (
     Option,
     Section,
     blocks,
-    cut,
     integers_line,
     names,
     read_list,
@@ -502,7 +501,7 @@ def _coordinates(options: Sequence[Option]) -> Coordinates:
         words = f"{width} coordinates a node, expected 1 to {_MOST_COORDINATES}"
         rows[0].check(1 <= width <= _MOST_COORDINATES, words)
         for line in rows[1:]:
-            number, place = line.node(width)
+            number, *place = line.fields("i" + "r" * width)
             numbers.append(number)
             places.append(place)
         words = f"{count} nodes announced, but {len(rows) - 1} lines of them"
@@ -555,7 +554,7 @@ def _materials(option: Option, listed: bool, driven: bool) -> list[Isotropic]:
 
 
 def _starts_material(line: Line) -> bool:
-    number, criterion = cut(line.text, line.layout, "iw")
+    number, criterion = line.cut("iw")
     return number.isdigit() and criterion[:1].isalpha()
 
 
@@ -622,9 +621,7 @@ def _conditions(option: Option) -> Iterator[Condition]:
 
 def _starts_condition(line: Line) -> bool:
     """Whether numbers and then a name are on the line."""
-    if line.lettered or line.blank:
-        return False
-    *numbers, name = cut(line.text, line.layout, "iiiiiit")
+    *numbers, name = line.cut("iiiiiit")
     return bool(name) and all(each.lstrip("+-").isdigit() for each in numbers)
 
 
@@ -645,9 +642,8 @@ def _bodies(option: Option) -> list[Body]:
     starts: list[int] = []
     for row, line in enumerate(rows[_BEFORE_BODIES:], start=_BEFORE_BODIES):
         # Their numbers rise from 1, a name is last.
-        *numbers, name = cut(line.text, line.layout, "iiiiiiiit")
-        is_number = name.replace(".", "").replace("+", "").replace("-", "").isdigit()
-        if name and not is_number and numbers[0] == str(len(starts) + 1):
+        number, *_, name = line.cut("iiiiiiiit")
+        if name.strip("+-.0123456789") and number == str(len(starts) + 1):
             starts.append(row)
     with _in_shape(option):
         for block, _ in zip(blocks(rows, starts), range(rows[0].first_integer()), strict=True):

@@ -14,6 +14,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cache
 from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,10 +23,10 @@ from fembridge.errors import DeckError
 
 # ---- Numbers: fixed columns, extended columns, or between commas
 
-_REAL = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[eEdD]([+-]?\d+)|([+-]\d*))?\Z")
-_INTEGER = re.compile(r"[+-]?\d+\Z")
+_REAL = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[eEdD]([+-]?\d+)|([+-]\d+)|[+-])?\Z")
+_INTEGER = re.compile(r"[+-]?\d{1,18}\Z")
 _PLAIN_INTEGERS = re.compile(r"[ \d+-]*")
-_LONGEST_REAL, _LONGEST_INTEGER = 40, 18  # characters; longer ones are no numbers
+_LONGEST_REAL = 40  # characters; longer ones are no numbers
 _DECIMALS = 15
 
 
@@ -55,20 +56,25 @@ def parse_real(text: str) -> float:
     that).
     """
     found = _REAL.match(text) if len(text) <= _LONGEST_REAL else None
-    if found is None:
-        raise ValueError(text)
-    exponent = (found[2] or found[3] or "").rstrip("+-") or "0"
-    value = float(f"{found[1]}e{exponent}")
-    if not math.isfinite(value):
+    value = float(f"{found[1]}e{found[2] or found[3] or 0}") if found else math.inf
+    if abs(value) == math.inf:
         raise ValueError(text)
     return value
 
 
-def parse_integer(text: str) -> int:
-    """An integer of at most 18 digits."""
-    if len(text) > _LONGEST_INTEGER or not _INTEGER.match(text):
+def _parse_integer(text: str) -> int:
+    if not _INTEGER.match(text):
         raise ValueError(text)
     return int(text)
+
+
+_FIELDS: dict[str, tuple[Callable[[str], Any], str, str]] = {
+    "i": (_parse_integer, "0", "an integer"),
+    "r": (parse_real, "0", "a real"),
+    "w": (str, "", "a word"),
+    "t": (str, "", "text"),
+}
+"""By letter of a field: how it is read, what a blank one stands for, and its name."""
 
 
 def format_real(value: float) -> str:
@@ -97,7 +103,7 @@ def reals_line(
 ) -> str:
     """A line of reals; fixed columns hold too few digits, so they become commas."""
     if free or layout is Layout.FIXED:
-        return _between_commas([format_free(value) for value in values])
+        return _between_commas(map(format_free, values))
     return "".join(map(format_real, values))
 
 
@@ -106,58 +112,41 @@ def integers_line(
 ) -> str:
     """A line of integers."""
     if free:
-        return _between_commas([str(value) for value in values])
+        return _between_commas(map(str, values))
     return "".join([f"{value:{layout.integer}d}" for value in values])
 
 
-def _between_commas(texts: list[str]) -> str:
-    return ", ".join(texts) + ("," if len(texts) == 1 else "")
+def _between_commas(texts: Iterable[str]) -> str:
+    first, *others = texts
+    return ", ".join([first, *others]) if others else f"{first},"
 
 
 def cut(text: str, layout: Layout, kinds: str) -> list[str]:
     """Cut a line into one text a letter of `kinds`, and the rest where that is ``t``.
 
-    A last ``*`` repeats the letter before it to the end of the line. Fields that the
-    line is too short for are empty texts, but for repeated ones, which end there.
+    ``i*`` is all of the line. Fields that the line is too short for are empty texts.
     """
-    endless = kinds.endswith("*")
-    kinds = kinds.rstrip("*")
+    endless, count = kinds.endswith("*"), len(kinds)
     if "," in text:
-        return _cut_free(text, kinds, endless)
-    texts: list[str] = []
-    place = 0
-    body = text.rstrip()
-    for kind in kinds:
-        end = len(text) if kind == "t" else place + layout.columns(kind)
-        if not (endless and place >= len(body) and len(texts) >= len(kinds) - 1):
-            texts.append(text[place:end].strip())
-        place = end
-    width = layout.columns(kinds[-1])
-    while endless and place < len(body):
-        texts.append(text[place : place + width].strip())
-        place += width
-    return texts
+        items = [item.strip() for item in text.split(",")]
+        if items[-1] == "":
+            items.pop()  # a lone item is followed by a comma
+        if endless:
+            return items
+        if kinds.endswith("t"):
+            items[count - 1 :] = [",".join(items[count - 1 :])]
+        return [*items, *[""] * count][:count]
+    if endless:
+        text, width = text.rstrip(), layout.columns(kinds[0])
+        return [text[at : at + width].strip() for at in range(0, len(text), width)]
+    return [text[at:end].strip() for at, end in _spans(layout, kinds)]
 
 
-def _cut_free(text: str, kinds: str, endless: bool) -> list[str]:
-    items = [item.strip() for item in text.split(",")]
-    if items[-1] == "":
-        items.pop()  # a lone item is followed by a comma
-    if kinds.endswith("t"):
-        count = len(kinds) - 1
-        items += [""] * (count - len(items))
-        items = [*items[:count], ",".join(items[count:])]
-    elif not endless:
-        items = items[: len(kinds)]
-    return items + [""] * (len(kinds) - endless - len(items))
-
-
-def count_integers(text: str, layout: Layout) -> int:
-    """How many fields a line of integers alone has; 0 for any other line."""
-    texts = cut(text, layout, "i*")
-    if not texts or not all(_INTEGER.match(each) for each in texts if each):
-        return 0
-    return len(texts) if any(texts) else 0
+@cache
+def _spans(layout: Layout, kinds: str) -> list[tuple[int, int | None]]:
+    """First and last column of each field."""
+    *begins, end = accumulate(map(layout.columns, kinds), initial=0)
+    return list(zip(begins, [*begins[1:], None if kinds.endswith("t") else end], strict=True))
 
 
 # ---- Lines
@@ -214,21 +203,22 @@ class Line(NamedTuple):
         if not good:
             raise self.refuse(problem)
 
+    def cut(self, kinds: str) -> list[str]:
+        """Its fields as texts."""
+        return cut(self.text, self.layout, kinds)
+
     def fields(self, kinds: str) -> list[Any]:
         """Its fields: ``i`` int, ``r`` float, ``w`` and ``t`` text; blank ones are zero."""
-        texts = cut(self.text, self.layout, kinds)
-        letters = kinds.rstrip("*")
-        letters += letters[-1] * (len(texts) - len(letters))
-        found: list[Any] = []
-        for position, (text, kind) in enumerate(zip(texts, letters, strict=False), start=1):
+        texts, found = self.cut(kinds), list[Any]()
+        if kinds.endswith("*"):
+            kinds = kinds[0] * len(texts)
+        for text, kind in zip(texts, kinds, strict=True):
+            read, blank, what = _FIELDS[kind]
             try:
-                if kind == "i":
-                    found.append(parse_integer(text) if text else 0)
-                else:
-                    found.append(text if kind in "wt" else parse_real(text) if text else 0.0)
+                found.append(read(text or blank))
             except ValueError:
-                what = "an integer" if kind == "i" else "a real"
-                raise self.refuse(f"field {position} is {text!r}, expected {what}") from None
+                words = f"field {len(found) + 1} is {text!r}, expected {what}"
+                raise self.refuse(words) from None
         return found
 
     def integers(self) -> list[int]:
@@ -249,21 +239,6 @@ class Line(NamedTuple):
         """All its fields as reals."""
         return self.fields("r*")
 
-    def node(self, width: int) -> tuple[int, list[float]]:
-        """A node's number and its `width` coordinates: ``fields`` of most of a deck."""
-        text, layout = self.text, self.layout
-        place = layout.integer
-        if "," not in text:
-            places = range(place, place + width * layout.real, layout.real)
-            try:
-                return int(text[:place]), [
-                    _short_exponent(text[at : at + layout.real]) for at in places
-                ]
-            except ValueError:
-                pass  # written in another way
-        number, *coordinates = self.fields("i" + "r" * width)
-        return number, coordinates
-
     def with_integer(self, row: int, value: int) -> str:
         """Its text with `value` in field `row`, from 0, of a line of integers."""
         text, written, width = self.text, str(value), self.layout.integer
@@ -278,13 +253,6 @@ class Line(NamedTuple):
             raise self.refuse(f"{value} does not fit into field {row + 1}, of {width} columns")
         padded = text.ljust((row + 1) * width)
         return padded[: row * width] + written.rjust(width) + padded[(row + 1) * width :]
-
-
-def _short_exponent(text: str) -> float:
-    """``1.500000000000000+1``, the way Mentat writes reals; ValueError for others."""
-    if not (text[-2:-1] in ("+", "-") and text[-3:-2].isdigit() and "." in text):
-        raise ValueError(text)
-    return float(f"{text[:-2]}e{text[-2:]}")
 
 
 # ---- Keywords: what ends the option before
@@ -415,15 +383,9 @@ class Option:
     @property
     def numbers(self) -> list[int]:
         """Integers on the keyword's line; other fields there are 0."""
-        text, layout = self.head.text, self.head.layout
-        if self.head.free:
-            texts = cut(text, layout, "w*")[1:]
-        else:
-            texts = cut(text[layout.real :], layout, "i*")
-        return [
-            int(each) if len(each) <= _LONGEST_INTEGER and _INTEGER.match(each) else 0
-            for each in texts
-        ]
+        head = self.head
+        texts = cut(head.text[0 if head.free else head.layout.real :], head.layout, "i*")
+        return [int(each) if _INTEGER.match(each) else 0 for each in texts[head.free :]]
 
 
 def blocks(rows: Sequence[Line], starts: Sequence[int]) -> list[Sequence[Line]]:
@@ -436,8 +398,7 @@ def blocks(rows: Sequence[Line], starts: Sequence[int]) -> list[Sequence[Line]]:
 
 Member = int | tuple[int, int]
 
-_PAIR = re.compile(r"([+-]?\d{1,18}):(\d{1,9})\Z")
-_NUMBER = re.compile(r"[+-]?\d{1,18}\Z")
+_SIDE = re.compile(r"\d{1,9}\Z")
 _CONTINUED = re.compile(r"(?:^|[\s,\d])c(?:ontinue)?\s*\Z", re.IGNORECASE)
 _ITEM = re.compile(
     r"(?P<first>\S+)(?: +(?:to|through) +(?P<last>\S+)(?: +by +(?P<step>\S+))?)?", re.IGNORECASE
@@ -478,14 +439,14 @@ def _span(line: Line, item: re.Match[str], paired: bool) -> Sequence[Member]:
 
 
 def _member(line: Line, word: str, paired: bool) -> tuple[int, int]:
-    found = (_PAIR if paired else _NUMBER).match(word)
-    if found is None:
-        side, what = (":0", "element:side") if paired else ("", "a number")
-        raise line.refuse(
-            f"{word!r} in a list, expected {what}, as in `7{side}` or `1{side} to 9{side}`; a line "
-            "that goes on ends in `c`"
-        )
-    return (int(found[1]), int(found[2])) if paired else (int(found[0]), 0)
+    number, _, side = word.partition(":") if paired else (word, "", "0")
+    if _INTEGER.match(number) and _SIDE.match(side):
+        return int(number), int(side)
+    side, what = (":0", "element:side") if paired else ("", "a number")
+    raise line.refuse(
+        f"{word!r} in a list, expected {what}, as in `7{side}` or `1{side} to 9{side}`; a line "
+        "that goes on ends in `c`"
+    )
 
 
 # ---- Names: lines that start with a letter as keywords do
@@ -500,13 +461,13 @@ _BEFORE_SET = 4  # lines of a condition before its set, at least
 
 def condition_name(line: Line) -> str:
     """The name behind the six numbers that start a condition, or nothing."""
-    name = cut(line.text, line.layout, "iiiiiit")[6]
+    name = line.cut("iiiiiit")[6]
     return name if name[:1].isalpha() else ""
 
 
 def _in_condition(data: Sequence[Line], _line: Line) -> bool:
     """A set's name: it follows the kind of list of a named condition."""
-    if not data or count_integers(data[-1].text, data[-1].layout) != 1:
+    if not data or not _INTEGER.match(data[-1].word):
         return False
     for row, before in enumerate(reversed(data[:-1]), start=2):
         if before.lettered:
@@ -520,7 +481,7 @@ def _in_table(data: Sequence[Line], _line: Line) -> bool:
     """A formula: the value of a table can be one."""
     if len(data) < 2 or any(line.lettered for line in data):
         return False
-    return cut(data[0].text, data[0].layout, "iiiii")[4] == _FORMULA
+    return data[0].cut("iiiii")[4] == _FORMULA
 
 
 def _in_post(_data: Sequence[Line], line: Line) -> bool:
@@ -660,9 +621,8 @@ class _Reader:
 
 def _more_to_come(rows: Sequence[Line]) -> bool:
     """Whether a load case has more conditions to come, as its first line counts."""
-    if not rows or count_integers(rows[0].text, rows[0].layout) != 1:
-        return False
-    return len(rows) <= parse_integer(cut(rows[0].text, rows[0].layout, "i")[0])
+    count = rows[0].word if rows else ""
+    return bool(_INTEGER.match(count)) and len(rows) <= int(count)
 
 
 def _missing(options: Sequence[Option]) -> str | None:

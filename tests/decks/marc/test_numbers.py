@@ -121,18 +121,13 @@ def test_reals_that_touch_are_separated_by_their_columns(layout, values):
     np.testing.assert_allclose(found, values, rtol=rtol, atol=0)
 
 
-@given(number=st.integers(1, 10**9), place=st.lists(st.floats(-1e9, 1e9), min_size=3, max_size=3))
-def test_the_short_way_to_read_a_node_is_the_long_way(number, place):
-    line = line_of(f"{number:10d}" + reals_line(place))
-    first, *rest = line.fields("irrr")
-    assert line.node(3) == (first, rest)
 
 
 def test_blank_fields_are_zero():
     text = " " * 10 + f"{5:10d}" + " " * 10 + f"{7:10d}"
     assert line_of(text).integers() == [0, 5, 0, 7]
     assert line_of("2,1,,,2").integers() == [2, 1, 0, 0, 2]
-    assert line_of(f"{3:10d}").node(2) == (3, [0.0, 0.0])
+    assert line_of(f"{3:10d}").fields("irr") == [3, 0.0, 0.0]
 
 
 def test_a_field_that_is_no_number_is_named_with_line_and_place():
