@@ -112,10 +112,6 @@ class Edit(NamedTuple):
     new: bytes = b""
 
 
-Change = tuple[list[Edit], list[str]]
-"""Edits, and remarks on them."""
-
-
 def edited(data: bytes, edits: Iterable[Edit]) -> bytes:
     """`data` with all `edits`; those at one place in the order they are given in."""
     pieces, done = [], 0

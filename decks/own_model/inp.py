@@ -32,8 +32,8 @@ from decks.inp import (
 )
 from decks.keyword_deck import fixed, list_lines, pair_lines
 from decks.motion import Motion
-from decks.own_model import Change, Edit, Rebased, Request, edited, too_far
-from decks.own_model.inp_drive import MOVABLE, OWN_AMPLITUDE, Drive, Step, find_drive
+from decks.own_model import Edit, Rebased, Request, edited, too_far
+from decks.own_model.inp_drive import MOVABLE, OWN_AMPLITUDE, Drive, Push, Step, find_drive
 from decks.unit_system import LENGTH_UNITS, MM, UnitSystem, unit_system_in
 from fembridge.errors import DeckError
 
@@ -146,27 +146,23 @@ def rebase_inp(
     if request.afferents:
         found = _find_nodes(deck, scopes, list(request.afferents.values()))
         places = dict(zip(request.afferents, found, strict=True))
-    edits: list[Edit] = []
-    remarks = [f"read as a deck for {'Abaqus' if abaqus else 'CalculiX'}", *stated]
+    own = _OwnDeck(deck, drive, motion, request, abaqus)
+    own.remarks += [f"read as a deck for {'Abaqus' if abaqus else 'CalculiX'}", *stated]
     by_heading = bool(stated) and request.length_unit is None
-    remarks += too_far(motion, _size_of(deck) * units.length_mm, units, by_heading)
+    own.remarks += too_far(motion, _size_of(deck) * units.length_mm, units, by_heading)
     if not abaqus:
-        remarks += _path_dependent(deck)
-    for more_edits, more_remarks in (
-        _waveform_edits(drive, motion, units.length_mm),
-        _increment_edits(deck, drive, motion, request, abaqus=abaqus),
-        _output_edits(deck, drive, scopes, places, request, abaqus=abaqus),
-    ):
-        edits += more_edits
-        remarks += more_remarks
-    unread = [
+        own.remarks += _path_dependent(deck)
+    own.put_waveform(units.length_mm)
+    own.put_increments()
+    own.put_output(scopes, places)
+    own.remarks += [
         f"{one.where}: {one.name} was not read, and what it holds is not known"
         for one in deck.inclusions
         if not one.read
     ]
     return Rebased(
-        deck=edited(data, edits),
-        remarks=(*remarks, *unread),
+        deck=edited(data, own.edits),
+        remarks=tuple(own.remarks),
         place_mm={
             name: tuple(units.length_mm * value for value in place.at)
             for name, place in places.items()
@@ -223,328 +219,393 @@ def solver_of(data: bytes) -> str:
     return "calculix"
 
 
-# ---- The waveform: an amplitude that counts total time begins where the step does.
+class _OwnDeck:
+    """What is changed of a deck, for `abaqus` or ccx: `edits`, and `remarks` on them, grow."""
 
+    def __init__(
+        self, deck: Deck, drive: Drive, motion: Motion, request: Request, abaqus: bool
+    ) -> None:
+        self.deck, self.drive, self.motion, self.abaqus = deck, drive, motion, abaqus
+        self.request, self.automatic = request, request.increments == "automatic"
+        self.edits = list[Edit]()
+        self.remarks = list[str]()
 
-def _waveform_edits(drive: Drive, motion: Motion, length_mm: float) -> Change:
-    """`motion` as the amplitude's data, with remarks on what was done."""
-    depth = drive.stands + motion.depth_mm / length_mm
-    values = (depth / drive.factor + 0.0).tolist()
-    start_s = (drive.start_s or 0.0) if drive.total_time else 0.0
-    times_s = (motion.time_s + start_s).tolist()
-    if start_s > 0:
-        times_s, values = [0.0, *times_s], [values[0], *values]
-    lines = pair_lines(
-        (fixed(time_s, _TIME_DIGITS), fixed(value, _VALUE_DIGITS))
-        for time_s, value in zip(times_s, values, strict=True)
-    ).splitlines()
-    curve = drive.amplitude
-    samples = f"holds the waveform, {len(motion.time_s)} samples"
-    if curve is None:
-        edits, remarks = _new_amplitude(drive, lines)
-        remarks = [f"{remarks[0]} {samples}"]
-    else:
-        rows = list(curve.rows())
-        edits = _in_place_of(curve, rows, lines)
-        clock = "total time" if drive.total_time else "step time"
-        remarks = [
-            f"{curve.where}: amplitude {curve.word('NAME')} ({clock}) {samples} in place of "
-            f"{len(rows)} data lines"
-        ]
-        if drive.step.number == 1 and rows and (began := rows[0].number(1, blank=0.0)):
-            remarks.append(
-                f"{curve.where}: it began at {began:g}; the waveform begins where the mesh has "
-                "the probe"
+    def remark(self, at: Block | Push, words: str) -> None:
+        """Say what was chosen or changed at a place."""
+        self.remarks.append(f"{at.where}: {words}")
+
+    # ---- The waveform: an amplitude that counts total time begins where the step does.
+
+    def put_waveform(self, length_mm: float) -> None:
+        """The motion as the amplitude's data."""
+        drive, motion, curve = self.drive, self.motion, self.drive.amplitude
+        depth = drive.stands + motion.depth_mm / length_mm
+        values = (depth / drive.factor + 0.0).tolist()
+        start_s = (drive.start_s or 0.0) if drive.total_time else 0.0
+        times_s = (motion.time_s + start_s).tolist()
+        if start_s > 0:
+            times_s, values = [0.0, *times_s], [values[0], *values]
+        lines = pair_lines(
+            (fixed(time_s, _TIME_DIGITS), fixed(value, _VALUE_DIGITS))
+            for time_s, value in zip(times_s, values, strict=True)
+        ).splitlines()
+        samples = f"holds the waveform, {len(motion.time_s)} samples"
+        if curve is None:
+            self._put_amplitude(lines)
+            first, instead = drive.push[0], ""
+            if first.amplitude not in ("", OWN_AMPLITUDE):
+                instead = f" ({first.amplitude} has other users, or cannot hold a waveform)"
+            self.remark(
+                first, f"{first.name} gets an amplitude, {OWN_AMPLITUDE}{instead}, which {samples}"
             )
-    remarks += _about(drive, length_mm)
-    for later in drive.steps[drive.step.number :]:
-        text = later.head.text if later.head.text.name else later.end.text
-        remarks.append(f"{later.head.where}: left out to *END STEP, the run ends with the waveform")
-        edits.append(_edit(text, later.head.start, later.end.body))
-    return edits, remarks
-
-
-def _about(drive: Drive, length_mm: float) -> list[str]:
-    """Where the waveform leads, from where, in which unit, and from when."""
-    first, head, remarks = drive.push[0], drive.step.head, list[str]()
-    signs = {push.magnitude > 0 for push in drive.push}
-    for push in drive.push if len(signs) > 1 else (first,):
-        sign = "+" if push.magnitude > 0 else "-"
-        remarks.append(f"{push.where}: depth moves {push.what} along {sign}{_AXES[push.axis]}")
-    if drive.stands:
-        remarks.append(
-            f"{first.where}: the steps before leave {first.what} {drive.stands * length_mm:g} mm "
-            "deep; the waveform begins there"
-        )
-    if drive.factor != 1:
-        remarks.append(
-            f"{first.where}: magnitude {first.magnitude:g}: the waveform is divided by "
-            f"{drive.factor:g}"
-        )
-    if length_mm != 1:
-        remarks.append(f"one length unit of the deck is {length_mm:g} mm")
-    if drive.start_s is None:
-        remarks.append(f"{head.where}: at what total time the step begins is not known")
-    elif drive.start_s > 0:
-        remarks.append(
-            f"{head.where}: the step begins at {drive.start_s:g} s of total "
-            "time, and the waveform with it"
-        )
-    return remarks
-
-
-def _new_amplitude(drive: Drive, lines: list[str]) -> Change:
-    """An amplitude before the first step, and on the lines that move the probe."""
-    use = f"AMPLITUDE={OWN_AMPLITUDE}"
-    head = drive.steps[0].head
-    edits = [_inserted(head.text, head.start, [f"*AMPLITUDE, NAME={OWN_AMPLITUDE}", *lines])]
-    for start in dict.fromkeys(push.block.start for push in drive.push):
-        mine = [push for push in drive.push if push.block.start == start]
-        block, rows = mine[0].block, list(mine[0].block.rows())
-        ours = {push.row.start for push in mine}
-        moved = [row for row in rows if row.start in ours]
-        said = [
-            f"{push.what}, {push.axis}, {push.axis}, {push.magnitude:g}."
-            if push.by_request
-            else block.text.data[row.start : row.stop].strip().decode("latin-1")
-            for row in moved
-            for push in mine[:1]
-        ]
-        if len(moved) == len(rows):
-            edits.append(_with_option(block, block.option("AMPLITUDE"), use))
-            if mine[0].by_request:
-                edits += _in_place_of(block, moved, said)
-            continue
-        edits += map(_without_row, moved)
-        again = block.option("OP")
-        op = f", OP={again.word}" if again is not None else ""
-        edits.append(_inserted(block.text, rows[-1].stop, [f"*BOUNDARY, {use}{op}", *said]))
-    first, instead = drive.push[0], ""
-    if first.amplitude not in ("", OWN_AMPLITUDE):
-        instead = f" ({first.amplitude} has other users, or cannot hold a waveform)"
-    words = f"{first.where}: {first.name} gets an amplitude, {OWN_AMPLITUDE}{instead}, which"
-    return edits, [words]
-
-
-# ---- Increments: fixed ones, one a sample, or automatic ones of a sample at most. Solvers
-# end an increment at each time point, so results come at the samples either way.
-
-
-def _increment_edits(
-    deck: Deck, drive: Drive, motion: Motion, request: Request, *, abaqus: bool
-) -> Change:
-    """The procedure's line and options in the waveform's step, with remarks."""
-    automatic, count = request.increments == "automatic", motion.increments
-    procedure = _procedure(drive, abaqus)
-    creeping = procedure.keyword == "VISCO" and abaqus
-    needed = count * (_CUTS if automatic else 1)
-    edits, remarks = _step_edits(deck, drive, procedure, needed, abaqus)
-    dt, period = fixed(motion.dt_s, _TIME_DIGITS), fixed(count * motion.dt_s, _TIME_DIGITS)
-    direct = procedure.option("DIRECT")
-    if automatic:
-        if creeping:
-            raise procedure.error("*VISCO has automatic increments with CETOL, which is not set")
-        if direct is not None:
-            edits.append(_without_option(procedure, direct))
-        edits += _time_points(deck, drive, f"{dt}, {period}, {dt}")
-        line = f"{dt}, {period}, {fixed(_SMALLEST * motion.dt_s, 9)}, {dt}"
-        takes = (
-            f" takes increments of {motion.dt_s:g} s or less, with results at {count} time points"
-        )
-    else:
-        if direct is None:
-            if not creeping:  # whose increments are fixed without CETOL
-                edits.append(_with_option(procedure, None, "DIRECT"))
-        elif direct.word.startswith("NO") and not (abaqus and direct.word == "NOSTOP"):
-            edits.append(_with_option(procedure, direct, "DIRECT"))  # to ccx, NO STOP is a no
-        line = f"{dt}, {period}"
-        takes = f", DIRECT takes {count} increments"
-    rows = list(procedure.rows())[:1]
-    was = procedure.text.data[rows[0].start : rows[0].stop].strip() if rows else b"nothing"
-    edits += _in_place_of(procedure, rows, [line])
-    remarks.append(
-        f"{procedure.where}: {procedure.title}{takes}: {line} (was: {was.decode('latin-1')})"
-    )
-    return edits, remarks
-
-
-def _step_edits(deck: Deck, drive: Drive, procedure: Block, needed: int, abaqus: bool) -> Change:
-    """What lets a solver take `needed` increments: INC, for ccx NLGEOM and a solver it has."""
-    edits, remarks = list[Edit](), list[str]()
-    head, up_to_here = drive.step.head, drive.steps[: drive.step.number]
-    option = head.option("INC")
-    most = _DEFAULT_MOST if option is None else whole(option.value or "", head.where)
-    if most < needed:
-        remarks.append(f"{head.where}: INC raised from {most} to {needed}")
-        edits.append(_with_option(head, option, f"INC={needed}"))
-    if abaqus:
-        return edits, remarks
-    linear = procedure.keyword != "DYNAMIC" and not deck.of(*_NONLINEAR)
-    if linear and not any(one.head.option("NLGEOM") for one in up_to_here):
-        remarks.append(
-            f"{head.where}: NLGEOM put in: without it, contact or a nonlinear material ccx "
-            "makes one increment of a step"
-        )
-        edits.append(_with_option(head, None, "NLGEOM"))
-    for one in (each for step in up_to_here for each in step.of(*MOVABLE)):
-        solver = one.option("SOLVER")
-        if solver is not None and solver.word not in _SOLVERS and not one.text.name:
-            remarks.append(
-                f"{one.where}: SOLVER={solver.word} left out: not every ccx has it, and each "
-                "takes the best of its own"
-            )
-            edits.append(_without_option(one, solver))
-    return edits, remarks
-
-
-def _time_points(deck: Deck, drive: Drive, line: str) -> list[Edit]:
-    """The samples as points in time, before the first step or where the deck has them."""
-    for block in deck.of("TIMEPOINTS"):
-        if block.word("NAME") == _TIMES:
-            return _in_place_of(block, list(block.rows()), [line])
-    head = drive.steps[0].head
-    return [_inserted(head.text, head.start, [f"*TIME POINTS, NAME={_TIMES}, GENERATE", line])]
-
-
-def _procedure(drive: Drive, abaqus: bool) -> Block:
-    """The procedure of the waveform's step, which leaves the increments to us."""
-    step, found = drive.step, drive.step.of(*MOVABLE)
-    if len(found) != 1:
-        kinds = ", ".join(f"*{name}" for name in MOVABLE)
-        there = "; ".join(f"{block.title}, {block.where}" for block in found)
-        raise step.head.error(
-            f"a waveform needs one of {kinds} in its step, found {there or 'none'}"
-        )
-    (procedure,) = found
-    own_ways = [(step.head, "PERTURBATION")]
-    own_ways += [(procedure, name) for name in ("RIKS", "EXPLICIT", "SUBSPACE")]
-    if procedure.keyword == "VISCO" and abaqus:
-        own_ways.append((procedure, "CETOL"))
-    for block, name in own_ways:
-        if block.option(name) is not None:
-            raise block.error(
-                f"{block.title}, {name} has no increments in time or chooses them itself; the "
-                "waveform needs its own"
-            )
-    curve = drive.amplitude
-    smooth = curve.option("SMOOTH") if curve is not None else None
-    sharp = smooth is not None and smooth.word.strip("0.") == ""
-    if procedure.keyword == "DYNAMIC" and abaqus and not sharp:
-        raise (curve or step.head).error(
-            "in *DYNAMIC Abaqus rounds an amplitude's corners by SMOOTH, 0.25 "
-            "without it, and the waveform with them; write SMOOTH=0"
-        )
-    return procedure
-
-
-# ---- What the step writes: displacement and stress, in every increment, on the afferents'
-# nodes or on all; in a deck for ccx the step before writes its last increment too.
-#
-#     *NSET, NSET=AFFERENT_SA
-#     118,
-#     *NSET, NSET=FEMBRIDGE_OUTPUT
-#     118, 140, 163,
-#
-# A set of that name that the deck has already must hold the same, since solvers add to a set
-# that is defined again.
-
-
-def _output_edits(
-    deck: Deck,
-    drive: Drive,
-    scopes: list[Scope],
-    places: Mapping[str, Place],
-    request: Request,
-    *,
-    abaqus: bool,
-) -> Change:
-    """What is to be written at `places`, or at all nodes, with remarks on it."""
-    on_set = bool(places) and not request.all_nodes
-    automatic = request.increments == "automatic"
-    what = f"the nodes of {', '.join(places)}" if on_set else "all nodes"
-    edits, remarks = _sets(deck, drive, scopes, places, abaqus) if places else ([], [])
-    for step in [drive.step] if abaqus else _steps_to_write(drive):
-        if abaqus:
-            gone, lines = _abaqus_requests(step), _abaqus_request(on_set, automatic)
         else:
-            gone = step.of(*_CALCULIX_REQUESTS)
-            lines = _calculix_request(drive, step, on_set, request)
-        every = "every time point" if automatic else "every increment"
-        when = every if step is drive.step else "its last increment"
-        edits += [edit for block in gone for edit in _without(block)]
-        edits.append(_inserted(step.end.text, step.end.start, lines))
-        removed = ", ".join(f"{block.title} ({block.where})" for block in gone)
-        instead = f", in place of {removed}" if removed else ""
-        remarks.append(f"{step.end.where}: U and S at {what}, {when}{instead}")
-    return edits, remarks
+            rows = list(curve.rows())
+            self._in_place_of(curve, rows, lines)
+            clock = "total time" if drive.total_time else "step time"
+            words = f"amplitude {curve.word('NAME')} ({clock}) {samples} in place of"
+            self.remark(curve, f"{words} {len(rows)} data lines")
+            if drive.step.number == 1 and rows and (began := rows[0].number(1, blank=0.0)):
+                words = f"it began at {began:g}; the waveform begins where the mesh has the probe"
+                self.remark(curve, words)
+        self._say_way(length_mm)
+        for later in drive.steps[drive.step.number :]:
+            text = later.head.text if later.head.text.name else later.end.text
+            self.remark(later.head, "left out to *END STEP, the run ends with the waveform")
+            self._edit(text, later.head.start, later.end.body)
 
+    def _say_way(self, length_mm: float) -> None:
+        """Where the waveform leads, from where, in which unit, and from when."""
+        drive, first = self.drive, self.drive.push[0]
+        signs = {push.magnitude > 0 for push in drive.push}
+        for push in drive.push if len(signs) > 1 else (first,):
+            sign = "+" if push.magnitude > 0 else "-"
+            self.remark(push, f"depth moves {push.what} along {sign}{_AXES[push.axis]}")
+        if drive.stands:
+            words = f"the steps before leave {first.what} {drive.stands * length_mm:g} mm deep"
+            self.remark(first, f"{words}; the waveform begins there")
+        if drive.factor != 1:
+            words = f"magnitude {first.magnitude:g}: the waveform is divided by {drive.factor:g}"
+            self.remark(first, words)
+        if length_mm != 1:
+            self.remarks.append(f"one length unit of the deck is {length_mm:g} mm")
+        if drive.start_s is None:
+            self.remark(drive.step.head, "at what total time the step begins is not known")
+        elif drive.start_s > 0:
+            words = (
+                f"the step begins at {drive.start_s:g} s of total time, and the waveform with it"
+            )
+            self.remark(drive.step.head, words)
 
-# ---- CalculiX: the last request decides how often and whether binary, for all of them, so
-# ours come last in their step. ccx writes nothing when a step begins: what a trace has at
-# the waveform's start is the last increment of the step before.
-
-
-def _calculix_request(drive: Drive, step: Step, on_set: bool, request: Request) -> list[str]:
-    """Request of U and S in `step`: every sample or, before the waveform's, its last."""
-    stay = [block for block in step.blocks if block.keyword not in _CALCULIX_REQUESTS]
-    timed = [block for block in stay if block.option("TIMEPOINTS") is not None]
-    often = ", FREQUENCY=1"
-    if step is not drive.step:  # points in time come before a number of increments
-        often = "" if timed else f", FREQUENCY={_AT_END}"
-    elif request.increments == "automatic":
-        often = f", TIME POINTS={_TIMES}"
-    elif timed:
-        raise timed[0].error(
-            f"{timed[0].title}, TIME POINTS: ccx refuses it with fixed increments; take it "
-            "out, or let increments be automatic"
-        )
-    nodes = f", NSET={_OUTPUT_SET}{often}{_flat(drive, step)}" if on_set else often
-    if request.results == "text":
-        return [f"*NODE FILE{nodes}", "U", f"*EL FILE{nodes}", "S"]
-    return [f"*NODE OUTPUT{nodes}, DOUBLE", "U", f"*ELEMENT OUTPUT{nodes}, DOUBLE", "S"]
-
-
-def _steps_to_write(drive: Drive) -> list[Step]:
-    """The waveform's step and, where it has one before it in time, that one."""
-    before = drive.steps[: drive.step.number - 1][-1:]
-    return [*(step for step in before if step.of(*MOVABLE)), drive.step]
-
-
-def _flat(drive: Drive, step: Step) -> str:
-    """``OUTPUT=2D`` where something asks for 3D, which has no sets of nodes.
-
-    Expanded nodes have numbers of their own, and results on a set of the deck's nodes
-    are then empty. ccx 2.20 takes the word in the first step alone.
-    """
-    written = _steps_to_write(drive)
-    for one in drive.steps[: drive.step.number]:
-        for block in one.blocks:
-            gone = one in written and block.keyword in _CALCULIX_REQUESTS
-            if gone or block.word("OUTPUT") != "3D":
+    def _put_amplitude(self, lines: list[str]) -> None:
+        """An amplitude before the first step, and on the lines that move the probe."""
+        use = f"AMPLITUDE={OWN_AMPLITUDE}"
+        head = self.drive.steps[0].head
+        self._insert(head.text, head.start, [f"*AMPLITUDE, NAME={OWN_AMPLITUDE}", *lines])
+        for start in dict.fromkeys(push.block.start for push in self.drive.push):
+            mine = [push for push in self.drive.push if push.block.start == start]
+            block, rows = mine[0].block, list(mine[0].block.rows())
+            ours = {push.row.start for push in mine}
+            moved = [row for row in rows if row.start in ours]
+            said = [
+                f"{mine[0].what}, {mine[0].axis}, {mine[0].axis}, {mine[0].magnitude:g}."
+                if mine[0].by_request
+                else block.text.data[row.start : row.stop].strip().decode("latin-1")
+                for row in moved
+            ]
+            if len(moved) == len(rows):
+                self._set_option(block, block.option("AMPLITUDE"), use)
+                if mine[0].by_request:
+                    self._in_place_of(block, moved, said)
                 continue
-            if one.number > 1 or one not in written:
-                raise block.error(
-                    f"{block.title}, OUTPUT=3D: ccx then writes nothing for a set of "
-                    "the deck's nodes; take it out"
+            for row in moved:
+                self._edit(row.text, row.start, row.stop)
+            again = block.option("OP")
+            op = f", OP={again.word}" if again is not None else ""
+            self._insert(block.text, rows[-1].stop, [f"*BOUNDARY, {use}{op}", *said])
+
+    # ---- Increments: fixed ones, one a sample, or automatic ones of a sample at most. Solvers
+    # end an increment at each time point, so results come at the samples either way.
+
+    def put_increments(self) -> None:
+        """The procedure's line and options in the waveform's step."""
+        motion, count, procedure = self.motion, self.motion.increments, self._procedure()
+        creeping = procedure.keyword == "VISCO" and self.abaqus
+        self._allow(procedure, count * (_CUTS if self.automatic else 1))
+        dt, period = fixed(motion.dt_s, _TIME_DIGITS), fixed(count * motion.dt_s, _TIME_DIGITS)
+        direct = procedure.option("DIRECT")
+        if self.automatic:
+            if creeping:
+                raise procedure.error(
+                    "*VISCO has automatic increments with CETOL, which is not set"
                 )
-            return ", OUTPUT=2D" if step is one else ""
-    return ""
+            if direct is not None:
+                self._drop_option(procedure, direct)
+            self._put_time_points(f"{dt}, {period}, {dt}")
+            line = f"{dt}, {period}, {fixed(_SMALLEST * motion.dt_s, 9)}, {dt}"
+            takes = f" takes increments of {motion.dt_s:g} s or less, with results at {count} time"
+            takes += " points"
+        else:
+            line, takes = f"{dt}, {period}", f", DIRECT takes {count} increments"
+            if direct is None:
+                if not creeping:  # whose increments are fixed without CETOL
+                    self._set_option(procedure, None, "DIRECT")
+            elif direct.word.startswith("NO") and not (self.abaqus and direct.word == "NOSTOP"):
+                self._set_option(procedure, direct, "DIRECT")  # to ccx, NO STOP is a no
+        rows = list(procedure.rows())[:1]
+        was = procedure.text.data[rows[0].start : rows[0].stop].strip() if rows else b"nothing"
+        self._in_place_of(procedure, rows, [line])
+        words = f"{procedure.title}{takes}: {line} (was: {was.decode('latin-1')})"
+        self.remark(procedure, words)
 
+    def _procedure(self) -> Block:
+        """The procedure of the waveform's step, which leaves the increments to us."""
+        step, curve = self.drive.step, self.drive.amplitude
+        found = step.of(*MOVABLE)
+        if len(found) != 1:
+            kinds = ", ".join(f"*{name}" for name in MOVABLE)
+            there = "; ".join(f"{block.title}, {block.where}" for block in found)
+            raise step.head.error(
+                f"a waveform needs one of {kinds} in its step, found {there or 'none'}"
+            )
+        (procedure,) = found
+        own_ways = [(step.head, "PERTURBATION")]
+        own_ways += [(procedure, name) for name in ("RIKS", "EXPLICIT", "SUBSPACE")]
+        if procedure.keyword == "VISCO" and self.abaqus:
+            own_ways.append((procedure, "CETOL"))
+        for block, name in own_ways:
+            if block.option(name) is not None:
+                raise block.error(
+                    f"{block.title}, {name} has no increments in time or chooses them itself; the "
+                    "waveform needs its own"
+                )
+        smooth = curve.option("SMOOTH") if curve is not None else None
+        sharp = smooth is not None and smooth.word.strip("0.") == ""
+        if procedure.keyword == "DYNAMIC" and self.abaqus and not sharp:
+            raise (curve or step.head).error(
+                "in *DYNAMIC Abaqus rounds an amplitude's corners by SMOOTH, 0.25 "
+                "without it, and the waveform with them; write SMOOTH=0"
+            )
+        return procedure
 
-# ---- Abaqus writes the state at the start of each step by itself. Positions ``NODES`` are
-# values of each element by itself, so that nothing is averaged over layers.
+    def _allow(self, procedure: Block, needed: int) -> None:
+        """Let a solver take `needed` increments: INC, for ccx NLGEOM and a solver it has."""
+        head, up_to_here = self.drive.step.head, self.drive.steps[: self.drive.step.number]
+        option = head.option("INC")
+        most = _DEFAULT_MOST if option is None else whole(option.value or "", head.where)
+        if most < needed:
+            self.remark(head, f"INC raised from {most} to {needed}")
+            self._set_option(head, option, f"INC={needed}")
+        if self.abaqus:
+            return
+        linear = procedure.keyword != "DYNAMIC" and not self.deck.of(*_NONLINEAR)
+        if linear and not any(one.head.option("NLGEOM") for one in up_to_here):
+            words = "NLGEOM put in: without it, contact or a nonlinear material ccx makes one"
+            self.remark(head, f"{words} increment of a step")
+            self._set_option(head, None, "NLGEOM")
+        for one in (each for step in up_to_here for each in step.of(*MOVABLE)):
+            solver = one.option("SOLVER")
+            if solver is not None and solver.word not in _SOLVERS and not one.text.name:
+                words = f"SOLVER={solver.word} left out: not every ccx has it, and each takes the"
+                self.remark(one, f"{words} best of its own")
+                self._drop_option(one, solver)
 
+    def _put_time_points(self, line: str) -> None:
+        """The samples as points in time, before the first step or where the deck has them."""
+        for block in self.deck.of("TIMEPOINTS"):
+            if block.word("NAME") == _TIMES:
+                self._in_place_of(block, list(block.rows()), [line])
+                return
+        head = self.drive.steps[0].head
+        self._insert(head.text, head.start, [f"*TIME POINTS, NAME={_TIMES}, GENERATE", line])
 
-def _abaqus_request(on_set: bool, automatic: bool) -> list[str]:
-    often = f"TIME POINTS={_TIMES}" if automatic else "FREQUENCY=1"
-    nodes, elements = (f", {kind}={_OUTPUT_SET}" if on_set else "" for kind in ("NSET", "ELSET"))
-    return [
-        f"*OUTPUT, FIELD, {often}",
-        f"*NODE OUTPUT{nodes}",
-        "U,",
-        f"*ELEMENT OUTPUT{elements}, POSITION=NODES",
-        "S,",
-    ]
+    # ---- What the step writes: displacement and stress, in every increment, on the afferents'
+    # nodes or on all; in a deck for ccx the step before writes its last increment too.
+    #
+    #     *NSET, NSET=AFFERENT_SA
+    #     118,
+    #     *NSET, NSET=FEMBRIDGE_OUTPUT
+    #     118, 140, 163,
+    #
+    # A set of that name that the deck has already must hold the same, since solvers add to a
+    # set that is defined again.
+
+    def put_output(self, scopes: list[Scope], places: Mapping[str, Place]) -> None:
+        """What is to be written at `places`, or at all nodes."""
+        on_set = bool(places) and not self.request.all_nodes
+        what = f"the nodes of {', '.join(places)}" if on_set else "all nodes"
+        if places:
+            self._put_sets(scopes, places)
+        for step in [self.drive.step] if self.abaqus else self._steps_to_write():
+            if self.abaqus:
+                gone, lines = _abaqus_requests(step), self._abaqus_request(on_set)
+            else:
+                gone = step.of(*_CALCULIX_REQUESTS)
+                lines = self._calculix_request(step, on_set)
+            every = "every time point" if self.automatic else "every increment"
+            when = every if step is self.drive.step else "its last increment"
+            for block in gone:  # keyword line and data; comments under it stay
+                self._edit(block.text, block.start, block.body)
+                for row in block.rows():
+                    self._edit(row.text, row.start, row.stop)
+            self._insert(step.end.text, step.end.start, lines)
+            removed = ", ".join(f"{block.title} ({block.where})" for block in gone)
+            instead = f", in place of {removed}" if removed else ""
+            self.remark(step.end, f"U and S at {what}, {when}{instead}")
+
+    # ---- CalculiX: the last request decides how often and whether binary, for all of them, so
+    # ours come last in their step. ccx writes nothing when a step begins: what a trace has at
+    # the waveform's start is the last increment of the step before.
+
+    def _calculix_request(self, step: Step, on_set: bool) -> list[str]:
+        """Request of U and S in `step`: every sample or, before the waveform's, its last."""
+        stay = [block for block in step.blocks if block.keyword not in _CALCULIX_REQUESTS]
+        timed = [block for block in stay if block.option("TIMEPOINTS") is not None]
+        often = ", FREQUENCY=1"
+        if step is not self.drive.step:  # points in time come before a number of increments
+            often = "" if timed else f", FREQUENCY={_AT_END}"
+        elif self.automatic:
+            often = f", TIME POINTS={_TIMES}"
+        elif timed:
+            raise timed[0].error(
+                f"{timed[0].title}, TIME POINTS: ccx refuses it with fixed increments; take it "
+                "out, or let increments be automatic"
+            )
+        nodes = f", NSET={_OUTPUT_SET}{often}{self._flat(step)}" if on_set else often
+        if self.request.results == "text":
+            return [f"*NODE FILE{nodes}", "U", f"*EL FILE{nodes}", "S"]
+        return [f"*NODE OUTPUT{nodes}, DOUBLE", "U", f"*ELEMENT OUTPUT{nodes}, DOUBLE", "S"]
+
+    def _steps_to_write(self) -> list[Step]:
+        """The waveform's step and, where it has one before it in time, that one."""
+        before = self.drive.steps[: self.drive.step.number - 1][-1:]
+        return [*(step for step in before if step.of(*MOVABLE)), self.drive.step]
+
+    def _flat(self, step: Step) -> str:
+        """``OUTPUT=2D`` where something asks for 3D, which has no sets of nodes.
+
+        Expanded nodes have numbers of their own, and results on a set of the deck's nodes
+        are then empty. ccx 2.20 takes the word in the first step alone.
+        """
+        written = self._steps_to_write()
+        for one in self.drive.steps[: self.drive.step.number]:
+            for block in one.blocks:
+                gone = one in written and block.keyword in _CALCULIX_REQUESTS
+                if gone or block.word("OUTPUT") != "3D":
+                    continue
+                if one.number > 1 or one not in written:
+                    raise block.error(
+                        f"{block.title}, OUTPUT=3D: ccx then writes nothing for a set of "
+                        "the deck's nodes; take it out"
+                    )
+                return ", OUTPUT=2D" if step is one else ""
+        return ""
+
+    # ---- Abaqus writes the state at the start of each step by itself. Positions ``NODES`` are
+    # values of each element by itself, so that nothing is averaged over layers.
+
+    def _abaqus_request(self, on_set: bool) -> list[str]:
+        often = f"TIME POINTS={_TIMES}" if self.automatic else "FREQUENCY=1"
+        nodes, elements = (f", {kind}={_OUTPUT_SET}" * on_set for kind in ("NSET", "ELSET"))
+        return [
+            f"*OUTPUT, FIELD, {often}",
+            f"*NODE OUTPUT{nodes}",
+            "U,",
+            f"*ELEMENT OUTPUT{elements}, POSITION=NODES",
+            "S,",
+        ]
+
+    # ---- Sets: one an afferent, one for all
+
+    def _put_sets(self, scopes: list[Scope], places: Mapping[str, Place]) -> None:
+        """Those sets that the deck has not yet, before its first step or the assembly's end."""
+        wanted: dict[tuple[str, str], _Members] = {}
+        together: dict[str, dict[int, Place]] = {}
+        for name, place in places.items():
+            key = "NSET", f"AFFERENT_{name.upper()}"
+            if not _SET_NAME.fullmatch(name) or key in wanted:
+                raise DeckError(
+                    f"afferent {name!r}: its name becomes that of a set, and may have letters, "
+                    "digits, - and _, and be there once"
+                )
+            wanted[key] = {place.instance: [place.node]}
+            together.setdefault(place.instance, {})[place.node] = place
+        wanted["NSET", _OUTPUT_SET] = {instance: list(some) for instance, some in together.items()}
+        if self.abaqus:
+            wanted["ELSET", _OUTPUT_SET] = _elements_around(scopes, together)
+        lines, names = list[str](), dict[str, None]()
+        for (keyword, name), numbers in wanted.items():
+            makers = (keyword, "NODE", "ELEMENT")
+            outside = [one for one in scopes[0].blocks if one.keyword in makers]
+            there = [one for one in outside if one.word(keyword) == name]
+            if there and not _holds(there, numbers):
+                raise there[0].error(
+                    f"set {name} is there already and holds something else than the output "
+                    "asked for; rename or remove it"
+                )
+            for instance, some in () if there else numbers.items():
+                of = f", INSTANCE={instance}" if instance else ""
+                lines += [f"*{keyword}, {keyword}={name}{of}", *list_lines(some).splitlines()]
+                names[name] = None  # a node set and an element set may share it
+        if not lines:
+            return
+        ends = self.deck.of("ENDASSEMBLY") if any(together) else [self.drive.steps[0].head]
+        if len(ends) != 1:
+            raise DeckError(f"{len(ends)} *END ASSEMBLY, expected one to put sets before")
+        text, start = ends[0].text, ends[0].start
+        self._insert(text, start, lines)
+        line = text.data.count(b"\n", 0, start) + 1
+        self.remarks.append(f"line {line}: before it, sets {', '.join(names)}")
+
+    # ---- Edits
+
+    def _edit(self, text: Text, start: int, stop: int, new: bytes = b"") -> None:
+        """`new` in the place of the deck's bytes; of a file that it includes none is changed."""
+        if text.name:
+            line = text.data.count(b"\n", 0, start) + 1
+            raise DeckError(
+                f"{text.place(line)}: would have to change, and an included file is not "
+                "changed; put this line and its data into the deck itself"
+            )
+        self.edits.append(Edit(start, stop, new))
+
+    def _insert(self, text: Text, place: int, lines: list[str]) -> None:
+        """`lines` where a line begins, with line ends as the deck has them."""
+        new = b"".join(line.encode("latin-1") + text.newline for line in lines)
+        if place and text.data[place - 1 : place] != b"\n":  # after a last line without end
+            new = text.newline + new.removesuffix(text.newline)
+        self._edit(text, place, place, new)
+
+    def _in_place_of(self, block: Block, rows: list[Row], lines: list[str]) -> None:
+        """`lines` where the first of a block's `rows` is; the others go.
+
+        Comments between them stay. Without rows the lines follow the keyword line.
+        """
+        if not rows:
+            self._insert(block.text, block.body, lines)
+            return
+        first, *others = rows
+        text = first.text
+        said = text.data[first.start : first.stop]
+        end = said[len(said.rstrip(b"\r\n")) :]
+        joined = (end or text.newline).join(line.encode("ascii") for line in lines) + end
+        if rows[-1].stop == len(text.data) and not text.data.endswith(b"\n"):
+            joined = joined.removesuffix(end)  # the deck's last line had no end
+        self._edit(text, first.start, first.stop, joined)
+        for row in others:
+            self._edit(row.text, row.start, row.stop)
+
+    def _drop_option(self, block: Block, there: Option) -> None:
+        """Take an option out of the keyword line, with the comma before it."""
+        comma = block.text.data.rindex(b",", block.start, there.start)
+        self._edit(block.text, comma, there.stop)
+
+    def _set_option(self, block: Block, there: Option | None, new: str) -> None:
+        """`new` in the place of an option of the keyword line, or behind the last one."""
+        if there is not None:
+            self._edit(block.text, there.start, there.stop, new.encode())
+            return
+        comma = " " if block.text.data[block.head - 1 : block.head] == b"," else ", "
+        self._edit(block.text, block.head, block.head, f"{comma}{new}".encode())
 
 
 def _abaqus_requests(step: Step) -> list[Block]:
@@ -564,52 +625,6 @@ def _abaqus_requests(step: Step) -> list[Block]:
         if head.option("FIELD") is not None:
             gone += [head, *others] if len(parts) == len(others) else parts
     return gone
-
-
-# ---- Sets: one an afferent, one for all
-
-
-def _sets(
-    deck: Deck, drive: Drive, scopes: list[Scope], places: Mapping[str, Place], abaqus: bool
-) -> Change:
-    """Those sets that the deck has not yet, before its first step or the assembly's end."""
-    wanted: dict[tuple[str, str], _Members] = {}
-    together: dict[str, dict[int, Place]] = {}
-    for name, place in places.items():
-        key = "NSET", f"AFFERENT_{name.upper()}"
-        if not _SET_NAME.fullmatch(name) or key in wanted:
-            raise DeckError(
-                f"afferent {name!r}: its name becomes that of a set, and may have letters, "
-                "digits, - and _, and be there once"
-            )
-        wanted[key] = {place.instance: [place.node]}
-        together.setdefault(place.instance, {})[place.node] = place
-    wanted["NSET", _OUTPUT_SET] = {instance: list(some) for instance, some in together.items()}
-    if abaqus:
-        wanted["ELSET", _OUTPUT_SET] = _elements_around(scopes, together)
-    lines = []
-    for (keyword, name), numbers in wanted.items():
-        makers = (keyword, "NODE", "ELEMENT")
-        outside = [one for one in scopes[0].blocks if one.keyword in makers]
-        there = [one for one in outside if one.word(keyword) == name]
-        if there and not _holds(there, numbers):
-            raise there[0].error(
-                f"set {name} is there already and holds something else than the output "
-                "asked for; rename or remove it"
-            )
-        for instance, some in () if there else numbers.items():
-            of = f", INSTANCE={instance}" if instance else ""
-            lines += [f"*{keyword}, {keyword}={name}{of}", *list_lines(some).splitlines()]
-    if not lines:
-        return [], []
-    ends = deck.of("ENDASSEMBLY") if any(together) else [drive.steps[0].head]
-    if len(ends) != 1:
-        raise DeckError(f"{len(ends)} *END ASSEMBLY, expected one to put sets before")
-    text, start = ends[0].text, ends[0].start
-    # A node set and an element set may share a name.
-    names = dict.fromkeys(each.split("=")[1].split(",")[0] for each in lines if "=" in each)
-    line = text.data.count(b"\n", 0, start) + 1
-    return [_inserted(text, start, lines)], [f"line {line}: before it, sets {', '.join(names)}"]
 
 
 def _holds(blocks: list[Block], wanted: _Members) -> bool:
@@ -773,66 +788,3 @@ def _size_of(deck: Deck) -> float:
                 value = float(word)
                 side[:] = min(side[0], value), max(side[1], value)
     return max(0.0, *(last - first for first, last in box))
-
-
-# ---- Edits
-
-
-def _edit(text: Text, start: int, stop: int, new: bytes = b"") -> Edit:
-    """`new` in the place of the deck's bytes; of a file that it includes none is changed."""
-    if text.name:
-        line = text.data.count(b"\n", 0, start) + 1
-        raise DeckError(
-            f"{text.place(line)}: would have to change, and an included file is not "
-            "changed; put this line and its data into the deck itself"
-        )
-    return Edit(start, stop, new)
-
-
-def _inserted(text: Text, place: int, lines: list[str]) -> Edit:
-    """`lines` where a line begins, with line ends as the deck has them."""
-    new = b"".join(line.encode("latin-1") + text.newline for line in lines)
-    if place and text.data[place - 1 : place] != b"\n":  # after a last line without end
-        new = text.newline + new.removesuffix(text.newline)
-    return _edit(text, place, place, new)
-
-
-def _in_place_of(block: Block, rows: list[Row], lines: list[str]) -> list[Edit]:
-    """`lines` where the first of a block's `rows` is; the others go.
-
-    Comments between them stay. Without rows the lines follow the keyword line.
-    """
-    if not rows:
-        return [_inserted(block.text, block.body, lines)]
-    first, *others = rows
-    text = first.text
-    said = text.data[first.start : first.stop]
-    end = said[len(said.rstrip(b"\r\n")) :]
-    joined = (end or text.newline).join(line.encode("ascii") for line in lines) + end
-    if rows[-1].stop == len(text.data) and not text.data.endswith(b"\n"):
-        joined = joined.removesuffix(end)  # the deck's last line had no end
-    return [_edit(text, first.start, first.stop, joined), *map(_without_row, others)]
-
-
-def _without_row(row: Row) -> Edit:
-    """A data line taken out."""
-    return _edit(row.text, row.start, row.stop)
-
-
-def _without(block: Block) -> list[Edit]:
-    """A block taken out: its keyword line and data; comments under it stay."""
-    return [_edit(block.text, block.start, block.body), *map(_without_row, block.rows())]
-
-
-def _without_option(block: Block, there: Option) -> Edit:
-    """An option taken out of the keyword line, with the comma before it."""
-    comma = block.text.data.rindex(b",", block.start, there.start)
-    return _edit(block.text, comma, there.stop)
-
-
-def _with_option(block: Block, there: Option | None, new: str) -> Edit:
-    """`new` in the place of an option of the keyword line, or behind the last one."""
-    if there is not None:
-        return _edit(block.text, there.start, there.stop, new.encode())
-    comma = " " if block.text.data[block.head - 1 : block.head] == b"," else ", "
-    return _edit(block.text, block.head, block.head, f"{comma}{new}".encode())
