@@ -121,8 +121,6 @@ def test_reals_that_touch_are_separated_by_their_columns(layout, values):
     np.testing.assert_allclose(found, values, rtol=rtol, atol=0)
 
 
-
-
 def test_blank_fields_are_zero():
     text = " " * 10 + f"{5:10d}" + " " * 10 + f"{7:10d}"
     assert line_of(text).integers() == [0, 5, 0, 7]
