@@ -71,8 +71,6 @@ SHORT = Stimulus("short", np.array([0.0, 1.5, -2.25, 100.0]), 0.5, (0.0, 1.5))
 PLAIN = Model(QUICK, SKIN, support="prescribed")
 MODELS = {
     "plain": PLAIN,
-    "reduced": replace(PLAIN, element="CPE4R"),
-    "quadratic": replace(PLAIN, element="CPE8R"),
     "by surface": replace(PLAIN, contact=Contact("surface-to-surface", 1000.0)),
     "smooth": replace(PLAIN, contact=Contact(friction=0.0)),
     "flat aside": replace(PLAIN, probe=Probe("flat", 2.0, 0.2, 0.3), element="CPE8R"),

@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from decks.inp import Text, blocks_in, node_sets, read_inp
+from decks.unit_system import UNIT_SYSTEMS, unit_system_in
 from fembridge.errors import DeckError
 
 
@@ -174,3 +175,25 @@ def test_any_list_of_nodes_comes_back_in_order(nodes):
     rows = [nodes[k : k + 7] for k in range(0, len(nodes), 7)]
     lines = [", ".join(map(str, row)) + "," * (len(row) > 3) for row in rows]
     assert nodes_of("\n".join(["*NSET, NSET=N", *lines, ""]).encode()) == {"N": nodes}
+
+
+# ---- Units by the name that a heading gives
+
+METRES = {"mm": 1e-3, "m": 1.0, "in": 0.0254}
+
+
+@pytest.mark.parametrize("name", UNIT_SYSTEMS)
+def test_stress_is_force_over_length_squared(name):
+    found = unit_system_in(f"Hash: wQ2k, Date: 04/23/2022, Unit system: {name}\n")
+    assert found is not None and found.name == name
+    metre = METRES[found.length_unit]
+    assert found.length_mm == pytest.approx(1e3 * metre, rel=1e-15)
+    assert found.stress_pa == pytest.approx(found.force_n / metre**2, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    "heading",
+    ["", "Unit system: UNIT_LESS", "Unit system: Undefined", "in M_KG_S_C", "Unit system"],
+)
+def test_a_heading_that_names_no_units_says_nothing(heading):
+    assert unit_system_in(heading) is None

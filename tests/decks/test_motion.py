@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from decks.motion import HOLD_INCREMENTS, RAMP_INCREMENTS, SUBSTEPS, motion_of
 from fembridge.errors import DeckError, StimulusError
@@ -103,16 +103,6 @@ def test_a_slide_that_is_none_is_refused(speed):
 def test_a_way_aside_belongs_to_the_samples_and_begins_at_0(aside):
     with pytest.raises(StimulusError, match="way aside"):
         replace(stimulus(), aside_um=aside)
-
-
-def test_a_pre_indentation_is_reached_in_20_equal_steps_before_the_stimulus():
-    wave = stimulus(500.0, samples=501)
-    motion = motion_of(wave)
-    assert motion.ramp == RAMP_INCREMENTS == 20
-    assert_allclose(motion.depth_mm[:21], np.arange(21) * 0.025, rtol=1e-12)
-    assert_array_equal(motion.depth_mm[20:], wave.displacement_um * 1e-3)
-    assert motion.increments == 520
-    assert_allclose(motion.time_s[20], 0.010)
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,10 @@ from fembridge.cli import main
 WORDS = ["simulate", "--stored", "--no-plot", "-o"]
 
 FILL = """
-import contextlib, io, json, os, pathlib, shutil, sys
+import contextlib, io, json, pathlib, sys
 from fembridge.cli import main
+from fembridge.errors import OutputError
+from fembridge.store import folder_lock
 place, *words = sys.argv[1:]
 folder = pathlib.Path(place) / "out"
 def contents():
@@ -29,13 +31,18 @@ with contextlib.suppress(OSError), filler.open("wb", 0) as file:
         file.write(bytes(4096))
 code, line = attempt("sine_50_250")
 same = contents() == before
+try:
+    with folder_lock(pathlib.Path(place), ".lock"):
+        locked = "locked"
+except OutputError as error:
+    locked = str(error)
 filler.unlink()
 codes += [code, attempt("sine_50_250")[0]]
-print(json.dumps({"codes": codes, "line": line, "same": same}))
+print(json.dumps({"codes": codes, "line": line, "same": same, "locked": locked}))
 """
 
 RUN = """
-import contextlib, io, json, os, pathlib, shutil, sys
+import contextlib, io, json, pathlib, shutil, sys
 from fembridge.cli import main
 source, place = map(pathlib.Path, sys.argv[1:])
 folder = place / "run"
@@ -77,6 +84,7 @@ def test_a_limit_of_file_size_leaves_the_earlier_results(tmp_path, files_below, 
 def test_a_full_disk_leaves_the_earlier_results_and_room_is_all_it_takes(
     apart, little_room, as_in_table
 ):
+    """A lock on it names its folder."""
     place, mount = little_room(200)
 
     shown = json.loads(apart(mount, FILL, place, *WORDS))
@@ -84,57 +92,30 @@ def test_a_full_disk_leaves_the_earlier_results_and_room_is_all_it_takes(
     assert shown["codes"] == [0, 1, 0]
     assert shown["same"]
     as_in_table(shown["line"].removeprefix("fembridge: "))
+    as_in_table(shown["locked"])
+
+
+@pytest.fixture
+def left_on_a_full_disk(apart, little_room, as_in_table):
+    """Names of what a refused run leaves where there is so much room."""
+
+    def run(source, kib):
+        place, mount = little_room(kib)
+        shown = json.loads(apart(mount, RUN, source, place))
+        assert shown["code"] == 1
+        (line,) = shown["said"].splitlines()
+        as_in_table(line.removeprefix("fembridge: "))
+        return shown["names"]
+
+    return run
 
 
 @pytest.mark.solver
-def test_calculix_on_a_disk_that_fills_is_not_believed(
-    apart, little_room, make_run, patch, as_in_table
-):
+def test_calculix_on_a_disk_that_fills_is_not_believed(left_on_a_full_disk, make_run, patch):
     """It says `Job finished` and exits with 0."""
     source = make_run(deck=patch(end_s=0.05), increments=100)
-    place, mount = little_room(64)
-
-    shown = json.loads(apart(mount, RUN, source, place))
-
-    assert shown["code"] == 1
-    (line,) = shown["said"].splitlines()
-    as_in_table(line.removeprefix("fembridge: "))
-    assert shown["names"] == ["failed", "job.inp", "run.toml"]
+    assert left_on_a_full_disk(source, 64) == ["failed", "job.inp", "run.toml"]
 
 
-def test_a_disk_that_fills_when_the_log_grows_is_said(
-    apart, little_room, fake_ccx, make_run, as_in_table
-):
-    source = make_run("loud")
-    place, mount = little_room(400)
-
-    shown = json.loads(apart(mount, RUN, source, place))
-
-    assert shown["code"] == 1
-    (line,) = shown["said"].splitlines()
-    as_in_table(line.removeprefix("fembridge: "))
-    assert "job.frd" not in shown["names"]
-
-
-LOCK = """
-import contextlib, pathlib, sys
-from fembridge.errors import OutputError
-from fembridge.store import folder_lock
-place = pathlib.Path(sys.argv[1])
-with contextlib.suppress(OSError), (place / "filler").open("wb", 0) as file:
-    while True:
-        file.write(bytes(4096))
-try:
-    with folder_lock(place, ".lock"):
-        print("locked")
-except OutputError as error:
-    print(error)
-"""
-
-
-def test_a_full_disk_for_a_lock_names_its_folder(apart, little_room, as_in_table):
-    place, mount = little_room(64)
-
-    line = apart(mount, LOCK, place).strip()
-
-    as_in_table(line)
+def test_a_disk_that_fills_when_the_log_grows_is_said(left_on_a_full_disk, fake_ccx, make_run):
+    assert "job.frd" not in left_on_a_full_disk(make_run("loud"), 400)

@@ -36,7 +36,7 @@ def test_a_set_gives_a_folder_a_level(here, capsys):
 
 
 def test_options_arrive_in_the_record_of_the_deck(here):
-    """In its bytes: `tests/decks/test_golden.py`."""
+    """In its bytes: `tests/decks/test_dialects.py`."""
     words = ["build-deck", "--stimulus", "noise_25_250_10", "--friction", "0.2", "--seed", "7"]
     words += ["--contact", "surface-to-surface", "--stiffness-mpa-per-mm", "1000"]
     words += ["--probe-shape", "flat", "--probe-diameter-mm", "2", "--probe-x-mm", "0.5"]

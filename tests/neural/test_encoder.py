@@ -93,13 +93,6 @@ def test_a_clock_that_starts_elsewhere_moves_the_spikes_with_it(name):
     np.testing.assert_array_equal(at_minus_40, at_zero - 40.0)
 
 
-def test_a_step_that_the_parameters_were_not_fitted_at_is_refused():
-    with pytest.raises(ParameterError, match=r"1 ms.*0\.5 ms"):
-        encode(np.zeros(50), 1.0, PUBLISHED["RA"])
-    with pytest.raises(ParameterError, match="nan ms"):
-        encode(np.zeros(50), math.nan, PUBLISHED["RA"])
-
-
 def test_a_step_printed_with_six_digits_is_the_step():
     [exact] = encode(half_sine_pa(50), DT_MS, PUBLISHED["PC"])
     [printed] = encode(half_sine_pa(50), 0.500001, PUBLISHED["PC"])
@@ -112,7 +105,7 @@ def parameters_of(row, **changes) -> AfferentParameters:
     return row.parameters(**{**named, "drive": row.name, **changes})
 
 
-@pytest.mark.parametrize("cells", [2, 3, 5])
+@pytest.mark.parametrize("cells", [2, 5])
 def test_a_cell_is_a_single_one_under_stress_divided_by_its_need(row, cells):
     """Need is exp(spread q): it takes that many times the stress for the same."""
     spread = 0.7
@@ -149,12 +142,6 @@ def test_classes_together_fire_as_each_alone(name):
     assert total > 100
 
 
-def test_stress_of_two_lengths_is_refused():
-    stress_pa = {"SA": np.zeros(10), "RA": np.zeros(12)}
-    with pytest.raises(TraceError, match="lengths"):
-        encode_afferents(stress_pa, DT_MS, PUBLISHED)
-
-
 @pytest.mark.parametrize(
     ("derivative", "refractory_ms"), list(zip(DERIVATIVES, (0.0, 1.0, 60.0), strict=True))
 )
@@ -164,7 +151,7 @@ def test_parts_of_a_trace_fire_as_the_whole(row, derivative, refractory_ms, monk
     One by one, as few are, and at once.
     """
     rng = np.random.default_rng(17)
-    walk_pa = np.abs(np.cumsum(rng.normal(0, 3e3, (401, 3)), axis=0))
+    walk_pa = np.abs(np.cumsum(rng.normal(0, 3e3, (251, 3)), axis=0))
     population = replace(parameters_of(row, cells=3, spread=0.7), refractory_ms=refractory_ms)
 
     def fired():
@@ -182,9 +169,9 @@ def test_parts_of_a_trace_fire_as_the_whole(row, derivative, refractory_ms, monk
 
 def test_many_membranes_and_long_traces_take_little_memory(monkeypatch):
     """Beside the stress and the spikes: before, ten times the stress. In small parts of small."""
-    monkeypatch.setattr(encoder, "_ROWS", 500)
+    monkeypatch.setattr(encoder, "_ROWS", 250)
     monkeypatch.setattr(encoder, "_MEMBRANES", 10)
-    pa = np.abs(np.sin(np.arange(20)[:, None] * 0.3 + np.arange(2000))) * 3e4
+    pa = np.abs(np.sin(np.arange(20)[:, None] * 0.3 + np.arange(800))) * 3e4
     for stress_pa in (pa, pa[:10].ravel()):
         encode(stress_pa, 0.5, PUBLISHED["RA"])  # what a first call imports is not of the encoder
         tracemalloc.start()
@@ -251,6 +238,12 @@ def test_noise_has_the_size_that_it_says():
 
 
 def test_what_does_not_fit_is_refused():
+    with pytest.raises(ParameterError, match=r"1 ms.*0\.5 ms"):
+        encode(np.zeros(50), 1.0, PUBLISHED["RA"])
+    with pytest.raises(ParameterError, match="nan ms"):
+        encode(np.zeros(50), math.nan, PUBLISHED["RA"])
+    with pytest.raises(TraceError, match="lengths"):
+        encode_afferents({"SA": np.zeros(10), "RA": np.zeros(12)}, DT_MS, PUBLISHED)
     with pytest.raises(TraceError):
         encode_units(WAVE_PA[:, None], ["SA", "RA"], 0.5, FITTED)
     with pytest.raises(ParameterError, match="1 ms"):

@@ -98,13 +98,6 @@ def test_held_stress_fires_sa_with_the_period_of_the_recurrence():
 TWO_WAY = TwoWayRaParameters(tau_ms=LEAKLESS_MS, step_pa=4096.0, retraction=0.5, refractory_ms=0.0)
 
 
-def test_two_way_fires_at_the_first_step_of_a_rise_and_of_twice_that_of_a_fall():
-    """A step in 16 samples is passed by row 17; a fall takes twice as many, so row 33."""
-    stress = stress_of([256.0] * 40 + [-256.0] * 40)
-
-    assert spike_samples(stress, TWO_WAY) == [4 + 17, 4 + 40 + 33]
-
-
 def test_further_steps_of_one_rise_are_four_times_as_large_until_it_turns():
     """10 mV, then 40: 16 and 64 rows, each passed by one more; a fall starts anew.
 

@@ -136,10 +136,6 @@ def test_a_set_keeps_what_its_base_has_and_the_file_leaves_out(file_of):
 WHOLE = tomli_w.dumps({**parameters_to_table(PUBLISHED), "RA": RISING_RA}).splitlines(keepends=True)
 
 
-def test_a_whole_set_needs_no_base(file_of):
-    assert parameter_set(file_of("".join(WHOLE))).parameters["PC"] == PUBLISHED["PC"]
-
-
 @pytest.mark.parametrize("lines", [k for k in range(len(WHOLE)) if WHOLE[k] != "\n"])
 def test_a_set_that_was_cut_is_never_completed_from_another(file_of, lines):
     with pytest.raises(ParameterError, match=r'own\.toml: .*base = "fitted"'):

@@ -30,23 +30,6 @@ def plain_rate_ips(amplitude_um, curve):
     raise AssertionError(f"{amplitude_um} is outside the curve")
 
 
-@given(
-    slope_ips=st.floats(1.0, 100.0),
-    threshold_um=st.floats(6.0, 200.0),
-    criterion_ips=st.floats(0.5, 20.0),
-)
-def test_a_rate_straight_over_the_logarithm_has_its_exact_threshold(
-    slope_ips, threshold_um, criterion_ips
-):
-    """rate = criterion + slope log10(a / threshold): the samples do not matter."""
-    amplitude_um = np.geomspace(5.0, 250.0, 12)
-    rate = criterion_ips + slope_ips * np.log10(amplitude_um / threshold_um)
-
-    found_um = threshold_amplitude_um(amplitude_um, rate, criterion_ips)
-
-    assert found_um == pytest.approx(threshold_um, rel=1e-9)
-
-
 @given(curves, st.integers(1, 60))
 def test_a_threshold_is_where_the_curve_first_has_the_criterion(curve, criterion_ips):
     amplitude_um, rate = zip(*curve, strict=True)

@@ -66,19 +66,6 @@ def test_a_moved_spike_costs_by_how_far_it_moved(moved_ms, scale):
     )
 
 
-def test_long_trains_are_what_their_definitions_say():
-    """A second of PC, locked to 300 Hz, and the same 0.4 ms late: 300 q δ.
-
-    Every spike is nearer to its own than to any other.
-    """
-    a = 1000.0 / 300.0 * np.arange(300)
-
-    assert victor_purpura_distance(a, a + 0.4, 0.5) == pytest.approx(60.0, rel=1e-9)
-    assert van_rossum_distance(a, a + 0.4, 2.0) ** 2 == pytest.approx(
-        paired_van_rossum(a.tolist(), (a + 0.4).tolist(), 2.0), rel=1e-9
-    )
-
-
 @given(
     phase_ms=st.floats(0.0, 50.0),
     frequency_hz=st.sampled_from([20.0, 50.0, 100.0, 300.0]),

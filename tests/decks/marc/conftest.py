@@ -91,8 +91,6 @@ def model_of(element="CPE4H", *, stimulus=SHORT, probe=None, contact=None, **cha
 
 KINDS = {
     "80 meshed": (model_of(), "meshed"),
-    "11 rigid": (model_of("CPE4"), "rigid"),
-    "27 meshed": (model_of("CPE8"), "meshed"),
     "54 rigid": (model_of("CPE8R"), "rigid"),
     "118 rigid": (model_of("CPE4RH"), "rigid"),
     "flat, no friction": (

@@ -1,13 +1,20 @@
-"""Our deck by a plain reader, against real ones and the model; the procedure's commands."""
+"""Our deck by a plain reader, by our grammar and against real ones; the procedure; the page."""
 
+import argparse
 import re
+import shlex
 from collections import Counter
+from importlib import import_module
+from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.dialects import DIALECTS, DeckOptions
-from decks.marc.write import marc_deck, mentat_procedure
+from decks.dialects import DIALECTS, PROBES, DeckOptions
+from decks.marc.contents import POSITION, read_marc_deck
+from decks.marc.grammar import Section
+from decks.marc.write import WAVEFORM, marc_deck, mentat_procedure
 from fembridge.errors import DeckError
 
 TYPES = {name: int(number) for name, number in DIALECTS["marc"].elements.items()}
@@ -186,3 +193,86 @@ def test_every_command_is_one_of_public_procedures_and_says_where_it_was_seen(
     assert re.findall(r"post:(\w+)", text) == post
     assert text.isascii()
     assert all(line.isprintable() and len(line) <= 88 for line in text.splitlines())
+
+
+# ---- Read back by the grammar
+
+
+def test_every_line_is_in_one_option_and_the_mesh_has_its_numbers(built):
+    model, probe, ours = built
+    deck = read_marc_deck(ours.text.encode("ascii"))
+    lines = [line for option in deck.options for line in option.lines]
+    assert [line.text for line in lines] == ours.text.splitlines()
+    first = {}
+    for option in deck.options:
+        first.setdefault(option.keyword, option.section)
+    assert first["sizing"] is first["end"] is Section.PARAMETER
+    assert first["connectivity"] is first["post"] is Section.MODEL
+    assert first["auto load"] is first["continue"] is Section.HISTORY
+    assert (deck.remarks, deck.version) == ((), 15)
+    finger, other = deck.bodies()
+    motion = (other.control, *other.drives[1])
+    assert (finger.name, finger.kind, other.name) == ("finger", 1, "probe")
+    assert motion == ((POSITION, -1.0, 1) if probe == "rigid" else (0, 0.0, 0))
+    parts = [*model.layers, *([model.probe] if probe == "meshed" else [])]
+    place_mm, sets = deck.coordinates.position, deck.sets()
+    node_mm = model.node_mm
+    if probe == "meshed":
+        node_mm = np.concatenate([node_mm, model.probe_mesh.node_mm])
+    assert_allclose(place_mm[:, :2], node_mm, rtol=1e-15, atol=0)
+    assert_array_equal(deck.coordinates.number, np.arange(1, len(node_mm) + 1))
+    assert_array_equal(sets["held_nodes"].member, model.fixed)
+    assert sets["skin_apex"].member.tolist() == [model.apex]
+    for name, number in model.afferent.items():
+        assert sets[f"afferent_{name.lower()}"].member.tolist() == [number]
+    assert [each.name for each in deck.conditions()][1:] == ["probe_motion"] * (probe == "meshed")
+    for block, material, part in zip(deck.elements, deck.materials(), parts, strict=True):
+        corners = part.node.shape[1]
+        assert_array_equal(block.node[:, :corners], part.node)
+        if block.node.shape[1] > corners:  # a pressure node
+            assert_array_equal(block.node[:, corners], len(node_mm) + part.number)
+        assert_array_equal(block.number, part.number)
+        assert block.material == material.number
+        assert material.name == part.name
+        assert material.values[:2] == (part.material.young_mpa, part.material.poisson)
+    (table,) = deck.tables
+    wanted = np.stack([model.motion.time_s, model.motion.depth_mm], axis=1)
+    assert_allclose(table.points, wanted, rtol=1e-15)
+    (case,) = deck.load_cases()
+    moved = ("probe_motion",) * (probe == "meshed")
+    assert (case.increments, case.active) == (3, ("held", *moved))
+
+
+# ---- The page for Marc users asks for nothing that does not exist
+
+DOCS = Path(__file__).parents[3] / "docs"
+PAGE = (DOCS / "marc.md").read_text(encoding="utf-8")
+COMMANDS = [
+    line
+    for block in re.findall(r"```sh\n(.*?)```", PAGE, flags=re.DOTALL)
+    for line in block.splitlines()
+] + [" ".join(words.split()) for words in re.findall(r"`(fembridge [a-z][^`]*)`", PAGE)]
+
+
+@pytest.mark.parametrize("command", [c for c in COMMANDS if c.startswith("fembridge")])
+def test_every_fembridge_command_is_understood(command):
+    _, verb, *words = shlex.split(command.partition(" > ")[0])
+    module = import_module(f"fembridge.commands.{verb.replace('-', '_')}")
+    parser = argparse.ArgumentParser(exit_on_error=False)
+    module.add_arguments(parser)
+    parser.parse_args(words)
+
+
+def test_what_the_page_says_of_the_deck_is_in_it(make_model):
+    files = DIALECTS["marc"].write(make_model(), DeckOptions())
+    assert set(files) == {"job.dat", "job.proc"}
+    deck = files["job.dat"]
+    for name in ("afferent_sa", "afferent_ra", "afferent_pc", "skin_apex", "held_nodes"):
+        assert f"`{name}`" in PAGE
+        assert re.search(rf"^define +node +set +{name}$", deck, flags=re.MULTILINE)
+    assert f"`{WAVEFORM}`" in PAGE
+    assert all(f"`{name}`" in PAGE or f" {name}`" in PAGE for name in PROBES)
+    for number in DIALECTS["marc"].elements.values():
+        assert f"{number}`" in PAGE
+    for written in re.findall(r"`(job[_a-z0-9]*\.dat)`", PAGE):
+        assert written in files or written in files["job.proc"]

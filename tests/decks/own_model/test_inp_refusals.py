@@ -1,6 +1,61 @@
 """What is missing or can be meant in two ways is refused, and its line is named."""
 
+import numpy as np
 import pytest
+
+from decks.motion import Motion
+from decks.own_model import Request
+from decks.own_model.inp import rebase_inp
+from fembridge.errors import DeckError
+
+MOTION = Motion(np.arange(5) * 5e-4, np.array([0.0, 0.1, 0.2, 0.1, 0.0]), 5e-4, 0)
+DECK = """\
+*HEADING
+somebody's deck
+*NODE, NSET=ALL
+1, 0., 0., 0.
+2, 1., 0., 0.
+3, 1., 1., 0.
+4, 0., 1., 0.
+*ELEMENT, TYPE=CPE4, ELSET=SKIN
+1, 1, 2, 3, 4
+*AMPLITUDE, NAME=PRESS
+0., 0., 1., 1.
+*AMPLITUDE, NAME=OTHER
+0., 0., 1., 1.
+*STEP, NAME=push, INC=200
+*STATIC
+0.1, 1.
+*BOUNDARY
+1, 1, 2
+*BOUNDARY, AMPLITUDE=PRESS
+4, 2, 2, -1.
+*NODE FILE
+U
+*END STEP
+"""
+
+
+ITS_STEP = DECK[DECK.index("*STEP") :]
+
+
+def rebase(deck=DECK, dialect=None, resolver=None, **request):
+    """A short motion put into a deck."""
+    request = Request(**request)
+    return rebase_inp(deck.encode(), MOTION, request, dialect=dialect, resolver=resolver)
+
+
+def refused(deck, begin, **options):
+    """Assert that a deck is refused, and how the message begins."""
+    with pytest.raises(DeckError, match=f"^{begin}"):
+        rebase(deck, **options)
+
+
+def changed(old, new):
+    """The deck with `new` for the one `old` in it."""
+    assert DECK.count(old) == 1
+    return DECK.replace(old, new)
+
 
 # ---- One change of the deck: what was there, what is there instead, and how the message
 # begins: with the file and the line, and with what was found there.
@@ -68,19 +123,17 @@ NODES = [  # with the afferent SA at node 3
 
 
 @pytest.mark.parametrize(("old", "new", "begin"), CONDITION + STEP)
-def test_what_cannot_hold_the_waveform_is_refused_with_its_line(old, new, begin, changed, refused):
+def test_what_cannot_hold_the_waveform_is_refused_with_its_line(old, new, begin):
     refused(changed(old, new), begin)
 
 
 @pytest.mark.parametrize(("old", "new", "begin"), NODES)
-def test_what_cannot_give_an_afferents_stress_is_refused(old, new, begin, changed, refused):
+def test_what_cannot_give_an_afferents_stress_is_refused(old, new, begin):
     refused(changed(old, new), begin, afferents={"SA": 3})
 
 
 @pytest.mark.parametrize(("old", "new"), OWN_AMPLITUDE)
-def test_an_amplitude_that_cannot_be_the_waveforms_or_has_other_users_stays(
-    old, new, changed, rebase
-):
+def test_an_amplitude_that_cannot_be_the_waveforms_or_has_other_users_stays(old, new):
     deck = changed(old, new)
     rebased = rebase(deck, amplitude="press")
     assert "(PRESS has other users, or cannot hold a waveform)" in str(rebased.remarks)
@@ -91,9 +144,7 @@ def test_an_amplitude_that_cannot_be_the_waveforms_or_has_other_users_stays(
 
 
 @pytest.mark.parametrize("first", CLOCK)
-def test_where_the_clock_is_not_known_the_waveform_counts_the_time_of_its_step(
-    first, changed, rebase
-):
+def test_where_the_clock_is_not_known_the_waveform_counts_the_time_of_its_step(first):
     deck = changed("NAME=PRESS", "NAME=PRESS, TIME=TOTAL TIME")
     rebased = rebase(deck.replace("*STEP, NAME=push", first + "*STEP, NAME=push"))
     assert b"*AMPLITUDE, NAME=FEMBRIDGE_WAVEFORM\n0.0000000, 0.0" in rebased.deck
@@ -114,11 +165,11 @@ def test_where_the_clock_is_not_known_the_waveform_counts_the_time_of_its_step(
         ),
     ],
 )
-def test_a_request_that_the_deck_cannot_meet_is_refused(options, begin, deck, refused):
-    refused(deck, begin, **options)
+def test_a_request_that_the_deck_cannot_meet_is_refused(options, begin):
+    refused(DECK, begin, **options)
 
 
-def test_a_step_a_file_and_an_element_that_are_not_there_are_named(changed, refused):
+def test_a_step_a_file_and_an_element_that_are_not_there_are_named():
     refused("", "no .STEP in the deck")
     refused("*NODE\n1, 0., 0.\n", "no .STEP in the deck")
     refused(changed("*ELEMENT", "*INCLUDE\n*ELEMENT"), "line 8: .INCLUDE")
@@ -129,13 +180,13 @@ def test_a_step_a_file_and_an_element_that_are_not_there_are_named(changed, refu
 @pytest.mark.parametrize(
     "option", ["DEFINITION=Tabular", "value = relative", "TIME=STEP TIME", "SMOOTH=0."]
 )
-def test_options_that_say_what_is_so_anyway_are_taken(option, changed, rebase):
+def test_options_that_say_what_is_so_anyway_are_taken(option):
     deck = changed("NAME=PRESS\n", f"NAME=PRESS, {option}\n")
     assert option.encode() in rebase(deck).deck
 
 
-def test_of_two_steps_with_the_amplitude_one_has_to_be_named(deck, step, rebase, refused):
-    deck = deck + step.replace("push", "pull")
+def test_of_two_steps_with_the_amplitude_one_has_to_be_named():
+    deck = DECK + ITS_STEP.replace("push", "pull")
     refused(deck, ".*step 1 .push., line 14; step 2 .pull., line 24")
     for name in ("2", "Pull"):
         rebased = rebase(deck, step=name).deck.decode()
@@ -145,9 +196,7 @@ def test_of_two_steps_with_the_amplitude_one_has_to_be_named(deck, step, rebase,
     refused(deck + "*STEP\n*STATIC\n*END STEP\n", "line 34: ", step="3")
 
 
-def test_expanded_results_from_a_step_before_are_refused_for_a_set_of_nodes(
-    changed, rebase, refused
-):
+def test_expanded_results_from_a_step_before_are_refused_for_a_set_of_nodes():
     first = "*STEP\n*STATIC\n*NODE FILE, OUTPUT=3D\nU\n*END STEP\n"
     deck = changed("*STEP", first + first.replace(", OUTPUT=3D", "") + "*STEP")
     refused(deck, "line 16: .NODE FILE, OUTPUT=3D", afferents={"SA": 3})
@@ -169,7 +218,7 @@ FILES = {
 }
 
 
-def test_an_amplitude_with_data_in_an_included_file_stays(changed, rebase):
+def test_an_amplitude_with_data_in_an_included_file_stays():
     deck = changed("*AMPLITUDE, NAME=OTHER", "*INCLUDE, INPUT=table.txt\n*AMPLITUDE, NAME=OTHER")
     assert b"AMPLITUDE=FEMBRIDGE_WAVEFORM" in rebase(deck, resolver=FILES.get).deck
 
@@ -184,15 +233,13 @@ def test_an_amplitude_with_data_in_an_included_file_stays(changed, rebase):
         ("*STATIC\n0.1, 1.\n", "static.inp", "static.inp, line 1: "),
     ],
 )
-def test_what_would_have_to_change_in_an_included_file_is_refused(
-    before, name, begin, changed, refused
-):
+def test_what_would_have_to_change_in_an_included_file_is_refused(before, name, begin):
     replaced = before if name in ("end.inp", "static.inp") else ""
     new = f"*INCLUDE, INPUT={name}\n" + before.removeprefix(replaced)
     refused(changed(before, new), begin, resolver=FILES.get)
 
 
-def test_a_file_that_was_not_read_is_named(changed, rebase, refused):
+def test_a_file_that_was_not_read_is_named():
     deck = changed("*ELEMENT", "*INCLUDE, INPUT=mesh.inp\n*ELEMENT")
     refused(deck, ".*node 9; not read: mesh.inp .line 8.", afferents={"SA": 9})
     assert rebase(deck).remarks[-1].startswith("line 8: mesh.inp ")
@@ -201,7 +248,7 @@ def test_a_file_that_was_not_read_is_named(changed, rebase, refused):
 # ---- Abaqus
 
 
-def test_abaqus_rounds_an_amplitude_in_a_dynamic_step(changed, rebase, refused):
+def test_abaqus_rounds_an_amplitude_in_a_dynamic_step():
     deck = changed("*STATIC", "*DYNAMIC")
     refused(deck, "line 10: ", dialect="abaqus")
     for smooth in ("0", "0."):
@@ -211,7 +258,7 @@ def test_abaqus_rounds_an_amplitude_in_a_dynamic_step(changed, rebase, refused):
     rebase(deck, dialect="calculix")
 
 
-def test_a_creep_tolerance_chooses_increments_in_abaqus(changed, rebase, refused):
+def test_a_creep_tolerance_chooses_increments_in_abaqus():
     deck = changed("*STATIC", "*VISCO, CETOL=0.1")
     refused(deck, "line 15: .VISCO, CETOL", dialect="abaqus")
     assert b"*VISCO, CETOL=0.1, DIRECT\n" in rebase(deck, dialect="calculix").deck
@@ -245,15 +292,13 @@ PARTS = f"""\
         ("PART=FINGER\n5.", "PART=HAND\n5.", "line 13: .*HAND"),
     ],
 )
-def test_instances_in_which_a_node_is_ambiguous_or_absent_are_refused(
-    old, new, begin, step, refused
-):
-    refused(PARTS.replace(old, new) + step, begin, afferents={"SA": 3})
+def test_instances_in_which_a_node_is_ambiguous_or_absent_are_refused(old, new, begin):
+    refused(PARTS.replace(old, new) + ITS_STEP, begin, afferents={"SA": 3})
 
 
-def test_a_turned_instance_is_refused_for_its_nodes(step, rebase, refused):
+def test_a_turned_instance_is_refused_for_its_nodes():
     turned = "5., 0.\n0., 0., 0., 0., 0., 1., 90.\n"
-    deck = PARTS.replace(LEFT, "").replace("5., 0.\n", turned) + step
+    deck = PARTS.replace(LEFT, "").replace("5., 0.\n", turned) + ITS_STEP
     refused(deck, "line 13: .*RIGHT", afferents={"SA": 3})
     rebase(deck)
 
@@ -267,6 +312,6 @@ def test_a_turned_instance_is_refused_for_its_nodes(step, rebase, refused):
         ("*END ASSEMBLY\n", "0 .END ASSEMBLY"),
     ],
 )
-def test_parts_and_instances_that_are_not_whole_are_refused(gone, begin, step, refused):
-    deck = PARTS.replace(LEFT, "").replace(gone, "") + step
+def test_parts_and_instances_that_are_not_whole_are_refused(gone, begin):
+    deck = PARTS.replace(LEFT, "").replace(gone, "") + ITS_STEP
     refused(deck, begin, afferents={"SA": 3})
