@@ -422,7 +422,7 @@ def encode(
     True
     """
     from fembridge import encoding
-    from fembridge.simulation import spikes_frame
+    from fembridge.tables import spikes_frame
 
     say = log or (lambda line: warnings.warn(line, UserWarning, stacklevel=3))
     encoded = encoding.encode(

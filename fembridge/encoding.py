@@ -141,8 +141,8 @@ def read_stress(
         raise UsageError(f"{path}: columns, gain and resampling are for a table of traces")
     if path.name == RUN_FILE:
         return read(path.parent, log=log), path
-    written = stimuli_in(path.parent) if path.name == TRACES_FILE else None
-    return (written and written.traces) or arrays_in(path)[1], path
+    written = stimuli_in(path.parent).traces if path.name == TRACES_FILE else None
+    return written or arrays_in(path)[1], path
 
 
 def _parameters_for(

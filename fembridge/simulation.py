@@ -49,14 +49,7 @@ from fembridge.solver.ccx import finished_outcome, run_folders
 from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.stimulus import Stimulus
 from fembridge.store import filling, read_toml, remove_file, replacing, sha256_of, write_toml
-from fembridge.tables import (
-    SPIKE_COLUMNS,
-    Rate,
-    SpikeTrain,
-    with_unit,
-    write_rates,
-    write_spikes,
-)
+from fembridge.tables import Rate, SpikeTrain, spikes_frame, write_rates, write_spikes
 from fembridge.trace import Origin, StressTrace, Traces, finger_id, stacked
 from fembridge.typing import FloatArray, Table
 from fembridge.version import __version__
@@ -501,21 +494,6 @@ def trains_of(
     ]
 
 
-def spikes_frame(trains: Sequence[SpikeTrain]) -> "pandas.DataFrame":
-    """Table of `trains`: ``stimulus``, ``afferent``, ``repeat``, ``spike_time_ms``.
-
-    Where units have names, ``unit`` stands behind ``afferent``.
-    """
-    import pandas
-
-    *whose, _ = with_unit(SPIKE_COLUMNS, any(train.unit for train in trains))
-    rows = [[getattr(train, name) for name in whose] for train in trains]
-    frame = pandas.DataFrame(rows, columns=whose).astype({"repeat": np.int64})
-    frame = frame.loc[frame.index.repeat([train.times_ms.size for train in trains])]
-    times_ms = np.concatenate([np.zeros(0), *(train.times_ms for train in trains)])
-    return frame.reset_index(drop=True).assign(spike_time_ms=times_ms)
-
-
 def _possible(method: str, reason: str | None, parameters: Parameters, log: Log) -> str:
     """The method that is possible: there is no map where there is a `reason`."""
     if method == "map" and reason is not None:
@@ -592,7 +570,7 @@ class FolderStimuli:
     """
 
     path: Path
-    stimuli: tuple[Stimulus, ...]
+    stimuli: tuple[Stimulus, ...] = ()
     traces: Traces = field(default_factory=Traces)
     cells: Mapping[str, int] = field(default_factory=dict)
 
@@ -613,8 +591,8 @@ class FolderStimuli:
         return [*trains, *silent]
 
 
-def stimuli_in(folder: Path) -> FolderStimuli | None:
-    """Stimuli of a simulation's folder, or of a run folder; None of any other folder.
+def stimuli_in(folder: Path) -> FolderStimuli:
+    """Stimuli of a simulation's folder, or of a run folder; none of any other folder.
 
     Raises
     ------
@@ -638,7 +616,7 @@ def stimuli_in(folder: Path) -> FolderStimuli | None:
         except (AttributeError, TypeError, ValueError, FembridgeError) as error:
             raise ResultError(f"inputs.stimulus: {error}", folder / RUN_FILE) from error
         return FolderStimuli(folder / RUN_FILE, (stimulus,))
-    return None
+    return FolderStimuli(folder)
 
 
 def arrays_in(path: Path) -> tuple[dict[str, FloatArray], Traces]:

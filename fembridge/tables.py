@@ -135,40 +135,43 @@ def read_traces(
     resample_ms
         The step of the even grid on which traces are put.
     """
-    names = {} if columns is None else dict(columns)
-    if unknown := [name for name in names if name not in TRACE_KEYS]:
+    named = {key: [one] if isinstance(one, str) else one for key, one in (columns or {}).items()}
+    if unknown := [key for key in named if key not in TRACE_KEYS]:
         raise UsageError(f"column {unknown[0]!r}, expected one of {', '.join(TRACE_KEYS)}")
-    asked = {key: [each] if isinstance(each, str) else list(each) for key, each in names.items()}
-    asked["time"] = asked.pop("time_ms", asked.get("time", [_DEFAULTS["time"]]))
-    samples, error = samples_in(source, asked, bool(names))
-    if log is not None and isinstance(source, Path) and source.is_file():
-        with source.open("rb") as file:
-            file.seek(-1, os.SEEK_END)
-            if file.read(1) not in b"\r\n":
-                log(f"{source}: no line end behind the last number, which may be cut")
-    (time,), values = (asked.get(key, [default]) for key, default in _DEFAULTS.items())
+    in_ms = "time_ms" in named
+    asked = {"value": ["von_mises_pa"], **named}
+    asked["time"] = named.get("time_ms", named.get("time", ["time_ms"]))
+    samples, error = samples_in(source, asked, named=bool(columns))
     said: set[str] = set()
+    name = str(source) if isinstance(source, Path) else "traces"
 
     def say(line: str) -> None:
         if log is not None and line not in said:
-            log(f"{source if isinstance(source, Path) else 'traces'}: {line}")
+            log(f"{name}: {line}")
         said.add(line)
 
-    to_ms = ms_per(time, "time_ms" in names, say)
-    traces = Traces(origin=_origin_of(source, log) if isinstance(source, Path) else None)
-    keys = [name for name in _WHOSE if name in samples]
+    traces = Traces()
+    if isinstance(source, Path):
+        with source.open("rb") as file:
+            file.seek(-1, os.SEEK_END)
+            if file.read(1) not in b"\r\n":
+                say("no line end behind the last number, which may be cut")
+        traces = Traces(origin=_origin_of(source, log))
+    [time], values = asked["time"], asked["value"]
+    to_ms = ms_per(time, in_ms, say)
+    keys = [key for key in _WHOSE if key in samples]
     parts: Any = samples.groupby(keys, sort=False, observed=True) if keys else [((), samples)]
     for key, part in parts:
         whose = dict(zip(keys, key, strict=True))
-        node, afferent = int(whose.get("node", 0)), str(whose.get("afferent", ""))
-        who = " ".join(filter(None, [*(str(whose.get(k, "")) for k in _WHOSE[:3])]))
-        who = f"{who} node {node}".strip() if node else who or "the trace"
+        stimulus, afferent, unit = (str(whose.get(key, "")) for key in _WHOSE[:3])
+        node = int(whose.get("node", 0))
+        who = " ".join(filter(None, [stimulus, afferent, unit, f"node {node}" if node else ""]))
+        who = who or "the trace"
         rows = part.index.to_numpy()
         if len(rows) < 2:
             raise error(rows[0], f"{who}: one sample, expected more")
         times_ms = part["time"].to_numpy() * to_ms
         even_ms, odd = mean_step(times_ms)
-        dt_ms = resample_ms or even_ms
         if odd is not None and resample_ms is None:
             before_ms, after_ms = times_ms[odd : odd + 2]
             raise error(
@@ -185,17 +188,18 @@ def read_traces(
                     _, stress_pa = resample(times_ms, stress_pa, resample_ms, say)
                 except TraceError as problem:
                     raise error(rows[0], f"{who}: {problem}") from problem
-            unit = [str(whose.get("unit", "")), value if len(values) > 1 else ""]
             traces.append(
                 StressTrace(
-                    stress_pa, dt_ms, node, afferent or None, float(times_ms[0]),
-                    " ".join(filter(None, unit)), str(whose.get("stimulus", "")),
+                    stress_pa,
+                    resample_ms or even_ms,
+                    node,
+                    afferent or None,
+                    float(times_ms[0]),
+                    f"{unit} {value}".strip() if len(values) > 1 else unit,
+                    stimulus,
                 )
-            )  # fmt: skip
+            )
     return traces
-
-
-_DEFAULTS = {"time": "time_ms", "value": "von_mises_pa"}
 
 
 def _to_pa(value: str, gain_pa: float | None) -> float:
@@ -250,12 +254,42 @@ def _unit_in(name: str) -> tuple[str, bool]:
     return unit, not _NO_UNIT.fullmatch(unit)
 
 
+def samples_in(
+    source: "Path | pd.DataFrame", asked: Mapping[str, Sequence[str]], *, named: bool
+) -> "tuple[pd.DataFrame, Callable[[int, str], TableError]]":
+    """Samples of a table of traces, and what makes an error of a row.
+
+    `asked` has names of columns by ``time``, ``value`` and whose they are. Columns of the
+    samples are ``time``, the number of a value from 0 on, and whose they are. A table whose
+    columns are `named` may be as other programs write it.
+    """
+    import pandas as pd
+
+    table = None
+    if isinstance(source, Path):
+        table = _plain_table(source, asked) or (_others_table(source) if named else None)
+    table = table or read_table(source)
+    found = _found(table.header, asked, table.path)
+    if not table.size:
+        raise TableError("a header and no rows, expected samples", table.path)
+    samples: dict[str | int, Any] = {}
+    for key, name in found.items():
+        if key == "afferent":
+            samples[key] = table.choices(name, ("", *AFFERENTS))
+        elif key in _WHOSE[:3]:
+            samples[key] = table.column(name)
+        elif key == "node":
+            samples[key] = table.numbers(name, 0, int)
+        else:
+            samples[key] = table.numbers(name)
+    return pd.DataFrame(samples, copy=False), table.error
+
+
 def _found(
     header: Sequence[str], asked: Mapping[str, Sequence[str]], path: Path
 ) -> dict[str | int, str]:
     """Columns of a `header`: by ``time``, by number of the value, and whose they are."""
-    (time,), values = (asked.get(key, [name]) for key, name in _DEFAULTS.items())
-    found: dict[str | int, str] = {"time": time, **dict(enumerate(values))}
+    found: dict[str | int, str] = {"time": asked["time"][0], **dict(enumerate(asked["value"]))}
     for key in _WHOSE:
         if key in asked or header.count(key) == 1:
             [found[key]] = asked.get(key, [key])
@@ -267,100 +301,52 @@ def _found(
     return found
 
 
-def samples_in(
-    source: "Path | pd.DataFrame", asked: Mapping[str, Sequence[str]], named: bool
-) -> "tuple[pd.DataFrame, Callable[[int, str], TableError]]":
-    """Samples of a table of traces, and what makes an error of a row.
-
-    `asked` has names of columns by `TRACE_KEYS`. Columns of the samples are ``time``, the
-    number of a value from 0 on, and whose they are. A table whose columns are `named` may be
-    as other programs write it.
-    """
-    import pandas as pd
-
-    table = _typed_table(source, asked)
-    if table is None and named and isinstance(source, Path):
-        table = _others_table(source)
-    table = table or read_table(source)
-    found = _found(table.header, asked, table.path)
-    if not table.size:
-        raise TableError("a header and no rows, expected samples", table.path)
-    samples: dict[str | int, Any] = {}
-    for key, name in found.items():
-        if key == "afferent":
-            samples[key] = table.choices(name, ("", *AFFERENTS))
-        elif key in ("stimulus", "unit"):
-            samples[key] = table.column(name)
-        else:
-            least, kind = (0, int) if key == "node" else (-math.inf, float)
-            samples[key] = table.numbers(name, least, kind)
-    return pd.DataFrame(samples, copy=False), table.error
-
-
-def _typed_table(
-    source: "Path | pd.DataFrame", asked: Mapping[str, Sequence[str]]
-) -> "TextTable | None":
+def _plain_table(path: Path, asked: Mapping[str, Sequence[str]]) -> "TextTable | None":
     """A table as we write it, its columns read as what they are; None of any other.
 
     Of ten million samples the cells as text would take gigabytes.
     """
     import pandas as pd
 
-    path = source if isinstance(source, Path) else _FRAME
+    always = tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1)
+    exact: Any = {} if always else {"float_precision": "round_trip"}
     try:
-        header = _plain_header(source) if isinstance(source, Path) else list(map(str, source))
-        found = {key: header.index(name) for key, name in _found(header, asked, path).items()}
-        texts = [at for key, at in found.items() if key in _WHOSE[:3]]
-        if isinstance(source, Path):
-            kinds: dict[int, Any] = dict.fromkeys(range(len(header)), "category")
-            kinds |= {at: np.float64 for key, at in found.items() if key not in _WHOSE}
-            kinds |= {at: np.int64 for key, at in found.items() if key == "node"}
-            always = tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1)
-            exact: Any = {} if always else {"float_precision": "round_trip"}
-            cells = pd.read_csv(
-                source,
-                header=None,
-                skiprows=1,
-                dtype=kinds,
-                na_filter=False,
-                skip_blank_lines=False,
-                quoting=csv.QUOTE_NONE,
-                **exact,
-            )
-        else:
-            cells = source.set_axis(range(len(header)), axis=1)
-            for at in texts:
-                text = cells[at].astype(object).where(cells[at].notna(), "")
-                cells[at] = text.astype(str).astype("category")
-        words = {str(word) for at in texts for word in cells[at].cat.categories}
+        with path.open("rb") as file:
+            line = file.readline(_LONGEST_HEADER).decode("ascii")
+        header = [name.strip(' "') for name in line.rstrip("\r\n").split(",")]
+        kinds: dict[int, Any] = dict.fromkeys(range(len(header)), "category")
+        found = _found(header, asked, path)
+        for key in found.keys() - set(_WHOSE[:3]):
+            kinds[header.index(found[key])] = np.int64 if key == "node" else np.float64
+        cells = pd.read_csv(
+            path,
+            header=None,
+            skiprows=1,
+            dtype=kinds,
+            na_filter=False,
+            skip_blank_lines=False,
+            quoting=csv.QUOTE_NONE,
+            **exact,
+        )
     except (OSError, ValueError, OverflowError, TypeError, TableError):
         return None  # the other way says what is wrong, and where
-    if '"' in "".join(words) or words != {word.strip() for word in words}:
+    texts = [cells[header.index(found[key])] for key in _WHOSE[:3] if key in found]
+    words = [str(word) for column in texts for word in column.cat.categories]
+    if '"' in line or any('"' in word or word != word.strip() for word in words):
         return None
     if cells.shape[1] != len(header) or not len(cells):
         return None
-    rows = np.arange(len(cells))
-    return TextTable(path, "", tuple(header), cells, rows + isinstance(source, Path))
+    return TextTable(path, "", tuple(header), cells, np.arange(1, len(cells) + 1))
 
 
-def _plain_header(path: Path) -> list[str]:
-    """Columns of a table in ASCII, without blanks or quotes; a ValueError of any other."""
-    with path.open("rb") as file:
-        line = file.readline(_LONGEST_HEADER)
-    header = line.decode("ascii").rstrip("\r\n").split(",")
-    if header != [name.strip(' "') for name in header]:
-        raise ValueError(header)
-    return header
-
-
-def origin_file(path: Path) -> Path:
+def _origin_file(path: Path) -> Path:
     """Where it is kept which run the traces of the table `path` are of."""
     return path.with_name(f"{path.name}.toml")
 
 
 def _origin_of(path: Path, log: Callable[[str], None] | None) -> Origin | None:
     """The run that the traces of the table `path` are of, if that is known."""
-    record = origin_file(path)
+    record = _origin_file(path)
     if not record.is_file():
         return None
     failed = TableError.at(record)
@@ -375,10 +361,10 @@ def _origin_of(path: Path, log: Callable[[str], None] | None) -> Origin | None:
 def write_origin(path: Path, origin: Origin | None) -> None:
     """Write of which run the traces of the table `path` are; None takes an earlier one away."""
     if origin is None:
-        remove_file(origin_file(path))
+        remove_file(_origin_file(path))
     else:
         table = {"traces_sha256": sha256_of(path), **unstructure(origin)}
-        write_toml(origin_file(path), table)
+        write_toml(_origin_file(path), table)
 
 
 def read_spikes(path: Path) -> list[SpikeTrain]:
@@ -403,21 +389,27 @@ def read_spikes(path: Path) -> list[SpikeTrain]:
     return trains
 
 
+def spikes_frame(trains: Sequence[SpikeTrain]) -> "pd.DataFrame":
+    """Table of `trains`: ``stimulus``, ``afferent``, ``repeat``, ``spike_time_ms``.
+
+    Where units have names, ``unit`` stands behind ``afferent``.
+    """
+    import pandas as pd
+
+    *whose, _ = _with_unit(SPIKE_COLUMNS, trains)
+    rows = [[getattr(train, name) for name in whose] for train in trains]
+    frame = pd.DataFrame(rows, columns=whose).astype({"repeat": np.int64})
+    frame = frame.loc[frame.index.repeat([train.times_ms.size for train in trains])]
+    times_ms = np.concatenate([np.zeros(0), *(train.times_ms for train in trains)])
+    return frame.reset_index(drop=True).assign(spike_time_ms=times_ms)
+
+
 def write_spikes(path: Path, trains: Iterable[SpikeTrain]) -> None:
     """Write a table of spikes, one train after the other."""
-    trains = list(trains)
-    unit = any(train.unit for train in trains)
-    rows = (
-        (train.stimulus, train.afferent, *[train.unit] * unit, train.repeat, time_ms)
-        for train in trains
-        for time_ms in train.times_ms.tolist()
+    frame = spikes_frame(list(trains))
+    write_table(
+        path, [*map(str, frame)], zip(*(frame[name].tolist() for name in frame), strict=True)
     )
-    write_table(path, with_unit(SPIKE_COLUMNS, unit), rows)
-
-
-def with_unit(columns: Sequence[str], unit: bool) -> tuple[str, ...]:
-    """`columns` of a table of spikes or rates, with ``unit`` where units have names."""
-    return (*columns[:2], *["unit"] * unit, *columns[2:])
 
 
 def read_rates(source: "Path | TextTable") -> list[Rate]:
@@ -436,9 +428,13 @@ def read_rates(source: "Path | TextTable") -> list[Rate]:
 def write_rates(path: Path, rates: Iterable[Rate]) -> None:
     """Write a table of rates in the order given."""
     rates = list(rates)
-    unit = any(each.unit for each in rates)
-    rows = ((each.stimulus, each.afferent, *[each.unit] * unit, each.rate_ips) for each in rates)
-    write_table(path, with_unit(RATE_COLUMNS, unit), rows)
+    header = _with_unit(RATE_COLUMNS, rates)
+    write_table(path, header, ([getattr(one, name) for name in header] for one in rates))
+
+
+def _with_unit(columns: Sequence[str], rows: Sequence[SpikeTrain | Rate]) -> list[str]:
+    """`columns` of a table of spikes or rates, with ``unit`` where units have names."""
+    return [*columns[:2], *(["unit"] if any(one.unit for one in rows) else []), *columns[2:]]
 
 
 def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
@@ -505,12 +501,10 @@ class TextTable:
     ) -> NDArray[Any]:
         """Column of finite numbers of a `kind`, `least` or more."""
         column = self.cells[self.header.index(name)]
-        if kind is int and column.dtype.kind in "iu" and column.min() >= least:
-            return column.to_numpy(dtype=np.int64)
-        cells = column.to_numpy() if column.dtype.kind in "iuf" else self.column(name)
-        numbers = _floats(cells)
-        good = np.isfinite(numbers)
-        good &= numbers >= least
+        typed = column.dtype.kind in "iuf"
+        cells = column.to_numpy() if typed else self.column(name)
+        numbers = np.asarray(cells if typed else [*map(_number, cells)], dtype=np.float64)
+        good = np.isfinite(numbers) & (numbers >= least)
         if kind is int:
             good &= (numbers % 1 == 0) & (numbers < _NO_WHOLE)
         wanted = "a whole number" if kind is int else "a number"
@@ -706,18 +700,9 @@ def _not_csv(text: str, path: Path, problem: ValueError | csv.Error) -> TableErr
     return TableError(f"{found} cells, expected {expected} as in the header{hint}", path, line)
 
 
-def _floats(cells: NDArray[Any]) -> FloatArray:
-    """Numbers of `cells`, NaN where one is none."""
+def _number(cell: str) -> float:
+    """What a cell says; NaN where that is no number, or has digit groups."""
     try:
-        if cells.dtype != object or not any("_" in cell for cell in cells):  # digit groups
-            return cells.astype(np.float64, copy=False)
-    except (ValueError, TypeError):
-        pass
-
-    def number(cell: object) -> float:
-        try:
-            return math.nan if "_" in str(cell) else float(str(cell))
-        except ValueError:
-            return math.nan
-
-    return np.array([number(cell) for cell in cells])
+        return math.nan if "_" in cell else float(cell)
+    except ValueError:
+        return math.nan

@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fembridge.commands.options import Several, Words, add_from, add_probe_options, window
+from fembridge.errors import UsageError
 from fembridge.terminal import log
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.figure import Figure
 
     from fembridge.simulation import FolderStimuli
     from fembridge.stimulus import Stimulus
     from fembridge.tables import Rate
-    from fembridge.trace import StressTrace
+
+    Drawn = tuple[Figure, dict[str, Any]]
 
 EXAMPLE = "fembridge plot mesh --finger paper -o mesh.pdf"
 
@@ -187,19 +187,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "mesh": _mesh,
         "response": _response,
         "trace": _trace,
-        "raster": _spikes,
-        "psth": _spikes,
-        "isi": _spikes,
         "rates": _rates,
         "stimulus": _stimulus,
         "sensitivity": _sensitivity,
-    }[args.picture](args)
+    }.get(args.picture, _spikes)(args)
     save_figure(figure, args.output, MESH_DPI if args.picture == "mesh" else DPI)
     print(args.output)
     return {"picture": args.picture, "file": args.output, **summary}
 
 
-def _mesh(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
+def _mesh(args: argparse.Namespace) -> "Drawn":
     from decks.presets import mesh_of, read_finger
     from fembridge.commands.options import probe_from
     from fembridge.plots.mesh import afferent_nodes, mesh_figure
@@ -216,10 +213,9 @@ def _mesh(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
     }
 
 
-def _response(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
+def _response(args: argparse.Namespace) -> "Drawn":
     from decks.presets import read_finger
     from decks.probe import Probe
-    from fembridge.errors import UsageError
     from fembridge.plots.response import response_figure
     from fembridge.response.response_map import MAP_FILE, read_map, stored_response
     from fembridge.simulation import find_file
@@ -239,89 +235,76 @@ def _response(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
     }
 
 
-def _trace(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
-    from fembridge.errors import UsageError
-    from fembridge.plots.trace import trace_figure
-
-    traces, waveform = _traces_of(args)
-    if not traces:
-        raise UsageError(f"{args.table}: no traces")
-    return trace_figure(traces, waveform=waveform), {
-        "stimulus": waveform.id if waveform else None,
-        "preindent_um": waveform.preindent_um if waveform else None,
-        "traces": [
-            {"afferent": one.afferent, "node": one.node or None, "peak_pa": one.stress_pa.max()}
-            for one in traces
-        ],
-    }
-
-
-def _traces_of(args: argparse.Namespace) -> "tuple[Sequence[StressTrace], Stimulus | None]":
-    """Traces of a table or folder, and the stimulus that made them, if that is known."""
+def _trace(args: argparse.Namespace) -> "Drawn":
     from fembridge.encoding import read_stress
-    from fembridge.errors import UsageError
+    from fembridge.plots.trace import trace_figure
     from fembridge.simulation import stimuli_in
 
     traces, path = read_stress(args.table, log)
     written = stimuli_in(path.parent)
     there = list(dict.fromkeys(trace.stimulus for trace in traces if trace.stimulus))
-    name = args.stimulus or next(iter(there), None)
-    if there and (name not in there or (args.stimulus is None and len(there) > 1)):
+    if there and args.stimulus not in there and (args.stimulus or len(there) > 1):
         found = f"has {len(there)} stimuli, {there[0]} to {there[-1]}"
         raise UsageError(f"{path}: {found}; name one of them: --stimulus ID")
-    shown = [trace for trace in traces if not there or trace.stimulus == name]
-    if name is None and written is not None and len(written.stimuli) == 1:
-        name = written.stimuli[0].id
-    if name is None or (args.stimulus is None and written is None):
-        return shown, None
-    return shown, _waveform(args, name, written)
+    name = args.stimulus
+    if name is None and written.stimuli:
+        [name, *others] = there or [stimulus.id for stimulus in written.stimuli]
+        name = None if others else name
+    waveform = _waveform(args, name, written) if name else None
+    shown = [one for one in traces if not there or one.stimulus == (args.stimulus or there[0])]
+    return trace_figure(shown, waveform=waveform), {
+        "stimulus": waveform.id if waveform else None,
+        "preindent_um": waveform.preindent_um if waveform else None,
+        "traces": [
+            {"afferent": one.afferent, "node": one.node or None, "peak_pa": one.stress_pa.max()}
+            for one in shown
+        ],
+    }
 
 
-def _spikes(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
+def _spikes(args: argparse.Namespace) -> "Drawn":
     """Raster, PSTH or intervals of a table of spikes, with the stimuli that its folder knows."""
-    from fembridge.errors import UsageError
     from fembridge.plots import spikes
-    from fembridge.simulation import SPIKES_FILE, find_file, stimuli_in
+    from fembridge.simulation import SPIKES_FILE, FolderStimuli, find_file, stimuli_in
     from fembridge.tables import AFFERENTS, read_spikes
 
     path = find_file(args.table, (SPIKES_FILE,), "simulate and encode leave it")
     trains = read_spikes(path)
-    tabled = list(dict.fromkeys(train.stimulus for train in trains))
+    rows = tabled = list(dict.fromkeys(train.stimulus for train in trains))
     written = stimuli_in(path.parent)
-    if written is not None and all(map(written.of, tabled)):
+    if written.stimuli and all(map(written.of, tabled)):
         trains = written.with_silent(trains)
         rows = [stimulus.id for stimulus in written.stimuli]
     else:
-        written, rows = None, tabled
+        written = FolderStimuli(path)
     if args.stimulus:
-        rows = _rows_named(args.stimulus, rows, whole=written is not None)
+        rows = _rows_named(args.stimulus, rows, whole=bool(written.stimuli))
     if not rows:
         raise UsageError(f"{path}: no spikes; --stimulus ID gives silent rows")
     silent = [name for name in rows if name not in tabled]
-    if unknown := [name for name in silent if written is None or not written.of(name)]:
+    if unknown := [name for name in silent if not written.of(name)]:
         log(f"{path}: no spike of {', '.join(unknown)}: silent, or not in it")
     shown = [train for train in trains if train.stimulus in rows]
-    present = {train.afferent for train in trains}
-    classes = args.afferent or [n for n in AFFERENTS if n in present] or list(AFFERENTS)
+    present = {train.afferent for train in trains} or AFFERENTS
+    classes = args.afferent or [name for name in AFFERENTS if name in present]
+    drawn: dict[str, Any] = {"trains": shown, "stimuli": rows, "afferents": classes}
     count = sum(train.times_ms.size for train in shown if train.afferent in classes)
     summary = {"stimuli": rows, "silent": silent, "spikes": count}
-    drawn: dict[str, Any] = {"trains": shown, "stimuli": rows, "afferents": classes}
+    if args.picture != "raster":
+        drawn["bin_ms"] = summary["bin_ms"] = args.bin_ms
     if args.picture == "isi":
-        figure = spikes.isi_figure(**drawn, bin_ms=args.bin_ms, longest_ms=args.longest_ms)
         found = [spikes.intervals_ms(shown, row, one) for row in rows for one in classes]
-        intervals = sum(each.size for each in found)
-        return figure, {**summary, "bin_ms": args.bin_ms, "intervals": intervals}
-    windows_ms = {one.window_ms for name in rows if written and (one := written.of(name))}
-    waveform = None
-    if len(rows) == 1 and (written or args.stimulus):
-        waveform = _waveform(args, rows[0], written)
-        windows_ms = {waveform.window_ms}
-    window_ms = windows_ms.pop() if len(windows_ms) == 1 else None
-    drawn |= {"window_ms": args.window_ms or window_ms, "waveform": waveform}
-    if args.picture == "raster":
-        return spikes.raster_figure(**drawn), summary
-    figure = spikes.psth_figure(**drawn, bin_ms=args.bin_ms)
-    return figure, {**summary, "bin_ms": args.bin_ms}
+        summary["intervals"] = sum(each.size for each in found)
+        return spikes.isi_figure(**drawn, longest_ms=args.longest_ms), summary
+    stimuli = list(filter(None, map(written.of, rows)))
+    drawn["waveform"] = None
+    if len(rows) == 1 and (stimuli or args.stimulus):
+        stimuli = [_waveform(args, rows[0], written)]
+        [drawn["waveform"]] = stimuli
+    windows_ms = {args.window_ms} if args.window_ms else {one.window_ms for one in stimuli}
+    drawn["window_ms"] = windows_ms.pop() if len(windows_ms) == 1 else None
+    draw = spikes.raster_figure if args.picture == "raster" else spikes.psth_figure
+    return draw(**drawn), summary
 
 
 def _rows_named(words: list[str], there: list[str], *, whole: bool) -> list[str]:
@@ -334,33 +317,23 @@ def _rows_named(words: list[str], there: list[str], *, whole: bool) -> list[str]
     return list(dict.fromkeys(rows))
 
 
-def _waveform(args: argparse.Namespace, word: str, written: "FolderStimuli | None") -> "Stimulus":
+def _waveform(args: argparse.Namespace, word: str, written: "FolderStimuli") -> "Stimulus":
     """The stimulus as it is recorded, else as the catalogue and --preindent-um have it."""
-    from fembridge.errors import UsageError
-
-    if written is not None and (known := written.of(word)) is not None:
-        return _as_recorded(args, known, written.path)
-    stimuli = _stimuli([word], args.preindent_um or 0.0)
+    stimuli = [known] if (known := written.of(word)) else _stimuli([word], args.preindent_um or 0.0)
     if len(stimuli) > 1:
         raise UsageError(f"{word} names {len(stimuli)} stimuli, expected one")
-    if written is not None and (known := written.of(stimuli[0].id)) is not None:
-        return _as_recorded(args, known, written.path)
+    if known := written.of(stimuli[0].id):
+        if args.preindent_um not in (None, known.preindent_um):
+            found = f"{written.path} says {known.preindent_um:g} um"
+            raise UsageError(f"--preindent-um {args.preindent_um:g}: {found}; leave the option out")
+        return known
     if args.preindent_um is None:
         words = "the probe is drawn without pre-indentation: none is recorded beside the table"
         log(f"{args.table}: {words}; --preindent-um DEPTH sets it")
     return stimuli[0]
 
 
-def _as_recorded(args: argparse.Namespace, stimulus: "Stimulus", path: Path) -> "Stimulus":
-    from fembridge.errors import UsageError
-
-    if args.preindent_um not in (None, stimulus.preindent_um):
-        found = f"{path} says {stimulus.preindent_um:g} um"
-        raise UsageError(f"--preindent-um {args.preindent_um:g}: {found}; leave the option out")
-    return stimulus
-
-
-def _rates(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
+def _rates(args: argparse.Namespace) -> "Drawn":
     from fembridge.evidence import touchsim_rates
     from fembridge.observed import read_observed
     from fembridge.plots.rates import placed, rates_figure
@@ -388,7 +361,6 @@ def _rates(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
 
 def _rates_in(path: Path) -> "list[Rate]":
     """Rates of a table, or of the one finger of a sweep's table that did not fail."""
-    from fembridge.errors import UsageError
     from fembridge.tables import RATE_COLUMNS, read_rates, read_table
 
     table = read_table(path, RATE_COLUMNS)
@@ -401,17 +373,16 @@ def _rates_in(path: Path) -> "list[Rate]":
     return read_rates(table)
 
 
-def _stimulus(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
+def _stimulus(args: argparse.Namespace) -> "Drawn":
     from fembridge.plots.waveform import waveform_figure
 
     stimuli = _stimuli(args.ids, args.preindent_um, args.seed)
     return waveform_figure(stimuli), {"stimuli": [stimulus.id for stimulus in stimuli]}
 
 
-def _sensitivity(args: argparse.Namespace) -> "tuple[Figure, dict[str, Any]]":
+def _sensitivity(args: argparse.Namespace) -> "Drawn":
     """Draw, and write the tables; the summary holds every number of them."""
     from fembridge import sensitivity
-    from fembridge.errors import UsageError
     from fembridge.plots.sensitivity import effects_figure, regressions_figure
     from fembridge.simulation import find_file
     from fembridge.store import write_text

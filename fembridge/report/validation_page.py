@@ -60,10 +60,9 @@ from fembridge.report.rates import (
 from fembridge.report.recorded import Beside, Evidence
 from fembridge.report.shortfalls import fingertip_shortfalls, shortfalls
 from fembridge.report.validate import PUBLISHED_NAME, RASTER_STIMULI, Validation, repeated_trains
-from fembridge.simulation import spikes_frame
 from fembridge.stimulus import Stimulus
 from fembridge.store import filling, sha256_of, write_text, write_toml
-from fembridge.tables import AFFERENTS, SPIKE_COLUMNS, SpikeTrain
+from fembridge.tables import AFFERENTS, SPIKE_COLUMNS, SpikeTrain, spikes_frame
 from fembridge.typing import Table
 from fembridge.version import __version__
 from fembridge.words import ABSENT, number, rendered

@@ -184,7 +184,7 @@ def test_a_run_folder_has_its_own_waveform():
 
 
 def test_any_other_folder_has_none(tmp_path):
-    assert stimuli_in(tmp_path) is None
+    assert not stimuli_in(tmp_path).stimuli
 
 
 @pytest.mark.parametrize(
