@@ -8,6 +8,7 @@ model does on what it was not fitted to is found by leaving out one group at a t
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,6 @@ from fembridge.errors import ParameterError
 from fembridge.typing import FloatArray
 from neural.fit_problem import FitProblem
 from neural.models import Free
-from neural.parameters import AfferentParameters
 
 if TYPE_CHECKING:
     from pymoo.core.problem import Problem
@@ -41,7 +41,7 @@ BALANCED_SHARE = 0.25
 class Front:
     """Candidates of which none is better than another in every objective.
 
-    `values` ``(candidate, free)`` in the units of `free`; `errors_ips2`
+    `candidates` ``(candidate, free)`` in the units of `free`; `errors_ips2`
     ``(candidate, group)``; `target_errors` ``(candidate, target)`` of what is fitted
     beside rates; sorted by the total error of the rates, smallest first. `finished` is
     False where the search was stopped before its last evaluation.
@@ -49,7 +49,7 @@ class Front:
 
     free: tuple[Free, ...]
     groups: tuple[str, ...]
-    values: FloatArray
+    candidates: FloatArray
     errors_ips2: FloatArray
     evaluations: int
     seed: int
@@ -103,7 +103,7 @@ def search_front(
             if on_progress:
                 front = _front(problem, algorithm, seed)
                 least = float(total_rmse_ips(problem, front.errors_ips2).min())
-                size = len(front.values)
+                size = len(front.candidates)
                 on_progress(Progress(front.evaluations, whole, size, least))
     except KeyboardInterrupt:
         if algorithm.opt is None:
@@ -127,7 +127,7 @@ def _front(problem: FitProblem, algorithm: Any, seed: int) -> Front:  # noqa: AN
     return Front(
         free=problem.free,
         groups=problem.group_names,
-        values=values,
+        candidates=values,
         errors_ips2=errors,
         target_errors=found[:, 1:] if problem.targets else np.empty((len(values), 0)),
         evaluations=int(algorithm.evaluator.n_eval),
@@ -141,7 +141,7 @@ def _sorted(problem: FitProblem, front: Front, finished: bool) -> Front:
 
     In full precision one candidate may turn out worse than another: it is left out.
     """
-    values = np.unique(front.values, axis=0)
+    values = np.unique(front.candidates, axis=0)
     errors, others = problem.errors_ips2(values), problem.target_errors(values)
     objectives = _objectives(problem, errors, others)
     apart = objectives[:, np.newaxis] - objectives
@@ -150,7 +150,7 @@ def _sorted(problem: FitProblem, front: Front, finished: bool) -> Front:
     order = kept[np.argsort(total_rmse_ips(problem, errors[kept]), kind="stable")]
     return replace(
         front,
-        values=values[order],
+        candidates=values[order],
         errors_ips2=errors[order],
         target_errors=others[order],
         finished=finished,
@@ -282,7 +282,7 @@ def _of_near(problem: FitProblem, front: Front, share: float) -> tuple[int, str]
 def _frequency_response(problem: FitProblem, front: Front) -> tuple[int, str]:
     totals = total_rmse_ips(problem, front.errors_ips2)
     near = np.flatnonzero(totals <= (1.0 + NEAR_SHARE) * totals.min())
-    away_ips = frequency_response_error_ips(problem, front.values[near])
+    away_ips = frequency_response_error_ips(problem, front.candidates[near])
     best = int(np.argmin(away_ips))
     return int(near[best]), (
         f"mean rates of the {len(problem.group_names)} groups closest to the observed "
@@ -324,47 +324,22 @@ _TAKEN_BY: Mapping[str, Callable[[FitProblem, Front], tuple[int, str]]] = {
 }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Trial:
-    """One seed: the fit on all groups, and predictions of each from the others.
-
-    `fitted_ips` and `held_out_ips` are ``(stimulus,)``; a held-out rate is of a fit
-    that saw no stimulus of its group.
-    """
-
-    parameters: AfferentParameters
-    fitted_ips: FloatArray
-    held_out_ips: FloatArray
-
-
-def cross_validate(
-    problem: FitProblem, seed: int, *, evaluations: int = EVALUATIONS, rule: str = "smallest_error"
-) -> Trial:
-    """Fit on all groups, then once without each; the seed is that of every search."""
-
-    def best_of(part: FitProblem, words: str) -> FloatArray:
-        front = search_front(part, seed=seed, evaluations=evaluations)
-        if not front.finished:
-            raise KeyboardInterrupt
-        found: FloatArray = front.values[choose(part, front, rule).row]
-        return found
-
-    held_out = held_out_ips(problem, best_of)
-    best = best_of(problem, "all groups")
-    return Trial(problem.parameters(best), problem.rates_ips(best)[0], held_out)
-
-
 def held_out_ips(
-    problem: FitProblem, best_of: Callable[[FitProblem, str], FloatArray]
+    problem: FitProblem,
+    rule: str = "smallest_error",
+    on_progress: Callable[[str, Progress], None] | None = None,
+    **search: int,
 ) -> FloatArray:
     """Rate of each stimulus ``(stimulus,)`` by a fit that saw no stimulus of its group.
 
-    `best_of` a problem, and the words for it, are the parameters that are taken.
+    `search` are options of `search_front`; `on_progress` is called with the words for it.
 
     Raises
     ------
     ParameterError
         A single group: nothing would be left to fit on.
+    KeyboardInterrupt
+        A search was interrupted.
     """
     names = problem.group_names
     if len(names) < 2:
@@ -372,6 +347,11 @@ def held_out_ips(
     found = np.empty_like(problem.observed_ips)
     for name in names:
         inside = np.array([group == name for group in problem.groups])
-        values = best_of(problem.part(~inside), f"without {name}")
+        part, words = problem.part(~inside), f"{problem.model.afferent} without {name}"
+        progress = partial(on_progress, words) if on_progress else None
+        front = search_front(part, on_progress=progress, **search)
+        if not front.finished:
+            raise KeyboardInterrupt
+        values = front.candidates[choose(part, front, rule).row]
         found[inside] = problem.part(inside).rates_ips(values)[0]
     return found

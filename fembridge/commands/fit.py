@@ -128,12 +128,12 @@ def _print_fit(fit: "Fit") -> None:
         f"{fit.afferent}, model {model.name}: {len(fit.problem.free)} free parameters, "
         f"{cells} cell{'s' if cells > 1 else ''}"
     )
-    values = fit.front.values[fit.choice.row]
+    values = fit.front.candidates[fit.choice.row]
     for one, value in zip(fit.problem.free, values, strict=True):
         print(f"  {one.field} = {value:.5g} {one.unit}".removesuffix(" 1"))
     rows = [(_name_of(row), row) for row in fit.agreement_rows()]
     if fit.held_out:
-        rows.append(("each left out", fit.held_out.total.to_row()))
+        rows.append(("each left out", fit.agreement("held_out_ips").to_row()))
     print_table(
         [f"{'':<24}", "n", "R²", "RMSE", "bias", " impulses/s"],
         [
@@ -145,7 +145,7 @@ def _print_fit(fit: "Fit") -> None:
                 f"{row['bias_ips']:.2f}",
                 "",
             ]
-            for name, row in [*rows, ("Table 2, all", fit.published.total.to_row())]
+            for name, row in [*rows, ("Table 2, all", fit.agreement("published_ips").to_row())]
         ],
     )
     print(f"  chosen: candidate {fit.choice.row + 1}, {fit.choice.why}")
@@ -168,13 +168,13 @@ def _summary_of(fit: "Fit") -> dict[str, Any]:
         "finished": fit.front.finished,
         "evaluations": fit.front.evaluations,
         "seconds": fit.seconds,
-        "front_size": len(fit.front.values),
+        "front_size": len(fit.front.candidates),
         "candidate": fit.choice.row + 1,
         "why": fit.choice.why,
         "parameters": asdict(fit.parameters),
         "agreement": fit.agreement_rows(),
-        "held_out": fit.held_out.total.to_row() if fit.held_out else None,
-        "published": fit.published.total.to_row(),
+        "held_out": fit.agreement("held_out_ips").to_row() if fit.held_out else None,
+        "published": fit.agreement("published_ips").to_row(),
     }
 
 

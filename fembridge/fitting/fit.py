@@ -4,26 +4,25 @@
 clock time, so that the same fit gives the same bytes.
 """
 
+import math
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import version
-from itertools import compress
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+import pandas as pd
 
-from decks.stimuli import Entry
 from fembridge.errors import UsageError
 from fembridge.fitting.problem import (
     EVERY,
     ResponseSource,
     fit_problem,
-    group_of,
     observed_entries,
 )
 from fembridge.observed import FAMILIES, ObservedRates
@@ -95,71 +94,22 @@ class FitSettings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class JudgedRates:
-    """`predicted_ips` of a model beside `observed_ips`, ``(S,)``, stimuli `entries`.
-
-    `seen` are stimuli that the model was fitted to.
-    """
-
-    entries: tuple[Entry, ...]
-    observed_ips: FloatArray
-    predicted_ips: FloatArray
-    seen: bool
-
-    @property
-    def groups(self) -> tuple[str, ...]:
-        """Group of each stimulus."""
-        return tuple(map(group_of, self.entries))
-
-    @property
-    def total(self) -> Agreement:
-        """Agreement over all stimuli."""
-        return agreement(self.observed_ips, self.predicted_ips)
-
-    def rows(self) -> list[Table]:
-        """Agreement over each group, over each family, and over all families."""
-        parts = []
-        families = dict.fromkeys(entry.family for entry in self.entries)
-        for family in families:
-            mine = self._part([entry.family == family for entry in self.entries])
-            parts += [(family, name, mine.of_group(name)) for name in dict.fromkeys(mine.groups)]
-            parts.append((family, EVERY, mine))
-        if len(families) > 1:
-            parts.append((EVERY, EVERY, self))
-        return [
-            {"family": family, "group": group, "seen": self.seen, **part.total.to_row()}
-            for family, group, part in parts
-        ]
-
-    def of_group(self, group: str) -> "JudgedRates":
-        """The stimuli of one group, in their order."""
-        return self._part([name == group for name in self.groups])
-
-    def _part(self, kept: list[bool]) -> "JudgedRates":
-        entries = tuple(compress(self.entries, kept))
-        return JudgedRates(entries, self.observed_ips[kept], self.predicted_ips[kept], self.seen)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Fit:
     """Fit of one class: what was minimised, what was found, what was taken and why.
 
-    `fitted` are its rates under the stimuli of the fit, `unseen` those under the
-    others that were observed (None where there are none), `published` those of
-    Table 2 under the stimuli of the fit, with no pre-indentation: as the paper has
-    it. `held_out` are rates under the stimuli of the fit, each of a fit that did not see
-    its group. `seconds` is how long the search took.
+    `rates` has a row for each observed stimulus, those of the fit (``seen``) first:
+    ``stimulus, family, group, level_um, seen, observed_ips, predicted_ips``. Of those seen also
+    ``published_ips``, by Table 2 with no pre-indentation, as the paper has it, and, where that
+    was asked for, ``held_out_ips``, by a fit that did not see their group; else NaN.
+    `seconds` is how long the search took.
     """
 
     problem: FitProblem
     front: Front
     choice: Choice
     parameters: AfferentParameters
-    fitted: JudgedRates
-    unseen: JudgedRates | None
-    published: JudgedRates
+    rates: pd.DataFrame
     seconds: float
-    held_out: JudgedRates | None = None
 
     @property
     def afferent(self) -> str:
@@ -167,13 +117,43 @@ class Fit:
         return self.problem.model.afferent
 
     @property
-    def judged(self) -> tuple[JudgedRates, ...]:
-        """Rates under all observed stimuli: those of the fit, then the others."""
-        return (self.fitted,) if self.unseen is None else (self.fitted, self.unseen)
+    def seen(self) -> pd.DataFrame:
+        """Rates under the stimuli of the fit."""
+        return self.rates[self.rates["seen"]]
+
+    @property
+    def held_out(self) -> bool:
+        """Whether each group was predicted by a fit that did not see it."""
+        return bool(self.seen["held_out_ips"].notna().all())
+
+    def agreement(self, column: str = "predicted_ips") -> Agreement:
+        """Agreement of a column of `rates` over all stimuli of the fit."""
+        return agreement(self.seen["observed_ips"], self.seen[column])
 
     def agreement_rows(self) -> list[Table]:
-        """Agreement with all observed rates: those of the fit, then the others."""
-        return [row for judged in self.judged for row in judged.rows()]
+        """Agreement with observed rates: of each group and family, first of those seen."""
+        return agreement_rows(self.rates)
+
+
+def agreement_rows(rates: pd.DataFrame) -> list[Table]:
+    """Agreement over each group, over each family, and over all families, seen or not."""
+    parts: list[tuple[Any, Any, pd.DataFrame]] = []
+    for _, judged in rates.groupby("seen", sort=False):
+        families = judged.groupby("family", sort=False)
+        for family, mine in families:
+            groups = mine.groupby("group", sort=False)
+            parts += [(family, name, part) for name, part in (*groups, (EVERY, mine))]
+        if families.ngroups > 1:
+            parts.append((EVERY, EVERY, judged))
+    return [
+        {
+            "family": family,
+            "group": group,
+            "seen": bool(part["seen"].iloc[0]),
+            **agreement(part["observed_ips"], part["predicted_ips"]).to_row(),
+        }
+        for family, group, part in parts
+    ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -247,62 +227,44 @@ def fit_afferents(
                 "groups or more to leave one out; fit without --held-out"
             )
     others = tuple(name for name in FAMILIES if name not in settings.families)
+    search = {
+        "evaluations": settings.evaluations,
+        "seed": settings.seed,
+        "population": settings.population,
+    }
     fits: list[Fit] = []
-
-    def search(problem: FitProblem, words: str = "") -> tuple[Front, Choice]:
-        name = f"{problem.model.afferent} {words}".strip()
-        front = search_front(
-            problem,
-            evaluations=settings.evaluations,
-            seed=settings.seed,
-            population=settings.population,
-            on_progress=partial(on_progress, name) if on_progress else None,
-        )
-        return front, choose(problem, front, settings.rule)
-
-    def best_of(problem: FitProblem, words: str) -> FloatArray:
-        front, choice = search(problem, words)
-        if not front.finished:
-            raise KeyboardInterrupt
-        return np.asarray(front.values[choice.row])
-
     try:
         for problem in problems:
             model, start_s = problem.model, time.perf_counter()
-            front, choice = search(problem)
+            progress = partial(on_progress, model.afferent) if on_progress else None
+            front = search_front(problem, on_progress=progress, **search)
+            choice = choose(problem, front, settings.rule)
             seconds = time.perf_counter() - start_s
-            values = front.values[choice.row]
-            unseen = None
-            if observed_entries(observed, model.afferent, others):
-                unseen = _judged(observed, problem_of(model, families=others), others, values)
+            values = front.candidates[choice.row]
             printed = model_named("published", model.afferent)
             as_printed = fit_problem(observed, response, printed, families=settings.families)
             table_2 = [getattr(PUBLISHED[model.afferent], one.field) for one in as_printed.free]
-            fit = Fit(
-                problem=problem,
-                front=front,
-                choice=choice,
-                parameters=problem.parameters(values),
-                fitted=_judged(observed, problem, settings.families, values, seen=True),
-                unseen=unseen,
-                published=_judged(observed, as_printed, settings.families, np.array(table_2)),
-                seconds=seconds,
+            rates = _rates(observed, problem, settings.families, values, seen=True).assign(
+                published_ips=as_printed.rates_ips(np.array(table_2))[0], held_out_ips=math.nan
             )
+            if observed_entries(observed, model.afferent, others):
+                unseen = _rates(observed, problem_of(model, families=others), others, values)
+                rates = pd.concat([rates, unseen], ignore_index=True)
+            fit = Fit(problem, front, choice, problem.parameters(values), rates, seconds)
             fits.append(fit)
             log(
                 f"{fit.afferent}, model {model.name}: {front.evaluations} evaluations in "
                 f"{seconds:.1f} s{'' if front.finished else ', interrupted'}, front of "
-                f"{len(front.values)}, chosen RMSE {fit.fitted.total.rmse_ips:.3g} ips"
+                f"{len(front.candidates)}, chosen RMSE {fit.agreement().rmse_ips:.3g} ips"
             )
             if not front.finished:
                 break
             if settings.held_out:
-                left_ips = held_out_ips(problem, best_of)
-                held_out = replace(fit.fitted, predicted_ips=left_ips, seen=False)
-                fits[-1] = replace(fit, held_out=held_out)
+                left_ips = held_out_ips(problem, settings.rule, on_progress, **search)
+                rates.loc[rates["seen"], "held_out_ips"] = left_ips
                 log(
                     f"{fit.afferent}, each group predicted without it: RMSE "
-                    f"{held_out.total.rmse_ips:.3g} ips"
+                    f"{fit.agreement('held_out_ips').rmse_ips:.3g} ips"
                 )
     except KeyboardInterrupt:
         if not fits:
@@ -315,17 +277,27 @@ def front_file(afferent: str) -> str:
     return f"pareto_{afferent}.csv"
 
 
-def _judged(
+def _rates(
     observed: ObservedRates,
     problem: FitProblem,
     families: tuple[str, ...],
     values: FloatArray,
     *,
     seen: bool = False,
-) -> JudgedRates:
+) -> pd.DataFrame:
     """Rates of a candidate under the stimuli of `problem`, those of `families`."""
     entries = observed_entries(observed, problem.model.afferent, families)
-    return JudgedRates(entries, problem.observed_ips, problem.rates_ips(values)[0], seen)
+    return pd.DataFrame(
+        {
+            "stimulus": [entry.id for entry in entries],
+            "family": [entry.family for entry in entries],
+            "group": problem.groups,
+            "level_um": [entry.level_um for entry in entries],
+            "seen": seen,
+            "observed_ips": problem.observed_ips,
+            "predicted_ips": problem.rates_ips(values)[0],
+        }
+    )
 
 
 def write_fit(folder: Path, run: FitRun, name: str) -> None:
@@ -342,7 +314,7 @@ def write_fit(folder: Path, run: FitRun, name: str) -> None:
         totals = total_rmse_ips(fit.problem, front.errors_ips2).tolist()
         others = [f"rms_{target.name}_error" for target in fit.problem.targets]
         errors = [front.errors_ips2**0.5, front.target_errors**0.5][: 1 + bool(others)]
-        numbers = np.hstack([front.values, *errors]).tolist()
+        numbers = np.hstack([front.candidates, *errors]).tolist()
         chosen = ["yes" if row == fit.choice.row else "no" for row in range(len(totals))]
         write_table(
             folder / file,
@@ -353,10 +325,11 @@ def write_fit(folder: Path, run: FitRun, name: str) -> None:
             ],
         )
     rates = [
-        Rate(entry.id, fit.afferent, rate_ips)
+        Rate(stimulus, fit.afferent, rate_ips)
         for fit in run.fits
-        for judged in fit.judged
-        for entry, rate_ips in zip(judged.entries, judged.predicted_ips.tolist(), strict=True)
+        for stimulus, rate_ips in zip(
+            fit.rates["stimulus"], fit.rates["predicted_ips"].tolist(), strict=True
+        )
     ]
     write_rates(folder / RATES_FILE, rates)
     whole = len(run.fits) == len(PUBLISHED)
@@ -414,7 +387,7 @@ def _class_table(fit: Fit) -> Table:
         "cells": fit.problem.cells,
         "finished": fit.front.finished,
         "evaluations": fit.front.evaluations,
-        "front_size": len(fit.front.values),
+        "front_size": len(fit.front.candidates),
         "candidate": fit.choice.row + 1,
         "rule": fit.choice.rule,
         "why": fit.choice.why,
@@ -430,22 +403,21 @@ def _class_table(fit: Fit) -> Table:
             for one in free
         },
         "observed_rates": {
-            "fitted" if judged.seen else "unseen": dict(Counter(judged.groups))
-            for judged in fit.judged
+            "fitted" if seen else "unseen": dict(Counter(mine["group"]))
+            for seen, mine in fit.rates.groupby("seen", sort=False)
         },
         "agreement": [{key: row[key] for key in _AGREEMENT} for row in fit.agreement_rows()],
-        **({HELD_OUT: _held_out_table(fit.held_out)} if fit.held_out else {}),
+        **({HELD_OUT: _held_out_table(fit)} if fit.held_out else {}),
     }
 
 
-def _held_out_table(judged: JudgedRates) -> Table:
+def _held_out_table(fit: Fit) -> Table:
     """Rates of stimuli whose groups were left out, rounded: no rate that was observed."""
-    rates = zip(judged.entries, judged.predicted_ips.tolist(), strict=True)
-    row = judged.total.to_row()
+    row = fit.agreement("held_out_ips").to_row()
     return {
         "r_squared": row["r_squared"],
         "rmse_ips": row["rmse_ips"],
-        "rates_ips": {entry.id: round(rate, 3) for entry, rate in rates},
+        "rates_ips": fit.seen.set_index("stimulus")["held_out_ips"].round(3).to_dict(),
     }
 
 
@@ -456,7 +428,7 @@ def _targets_table(fit: Fit) -> Table:
         return {}
     errors = np.sqrt(fit.front.target_errors[row]).tolist()
     own = {one.field for target in targets for one in target.free}
-    values = zip(fit.problem.free, fit.front.values[row].tolist(), strict=True)
+    values = zip(fit.problem.free, fit.front.candidates[row].tolist(), strict=True)
     return {
         "targets": {target.name: error for target, error in zip(targets, errors, strict=True)},
         **{one.field: value for one, value in values if one.field in own},

@@ -26,7 +26,7 @@ from neural.models import DEFAULT_MODELS, MODELS, model_named
 from neural.parameter_sets import DEFAULT_SET, parameter_set
 from neural.parameters import PUBLISHED
 from neural.rates import mean_rate_ips
-from neural.search import EVALUATIONS, cross_validate
+from neural.search import EVALUATIONS, choose, held_out_ips, search_front
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -165,11 +165,13 @@ def _trials_of(
     free = [one.field for one in problem.free]
     rows = []
     for seed in seeds:
-        trial = cross_validate(problem, seed, evaluations=evaluations)
-        fitted, held_out = (
-            agreement(problem.observed_ips, rates_ips)
-            for rates_ips in (trial.fitted_ips, trial.held_out_ips)
-        )
+        front = search_front(problem, seed=seed, evaluations=evaluations)
+        if not front.finished:
+            raise KeyboardInterrupt
+        values = front.candidates[choose(problem, front).row]
+        left_ips = held_out_ips(problem, seed=seed, evaluations=evaluations)
+        fitted = agreement(problem.observed_ips, problem.rates_ips(values)[0])
+        held_out = agreement(problem.observed_ips, left_ips)
         rows.append(
             {
                 "afferent": case.afferent,
@@ -183,7 +185,7 @@ def _trials_of(
                 "held_out_r_squared": held_out.regression.r_squared,
                 "held_out_rmse_ips": held_out.rmse_ips,
                 "parameters": " ".join(
-                    f"{name}={getattr(trial.parameters, name):.6g}" for name in free
+                    f"{name}={value:.6g}" for name, value in zip(free, values, strict=True)
                 ),
             }
         )

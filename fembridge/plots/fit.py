@@ -72,7 +72,7 @@ def tradeoffs_figure(run: FitRun) -> "Figure":
         _draw_lines(panels[0], fit)
         _draw_pair(panels[1], fit)
         _draw_rates(panels[2:], columns, fit)
-    families = {entry.family for entry in run.fits[-1].fitted.entries}
+    families = set(run.fits[-1].seen["family"])
     width_in, height_in = figure.get_size_inches()
     figure.text(
         0.5 * (1 + (sum(widths_in[:5]) - _RIGHT_IN) / width_in),
@@ -107,7 +107,8 @@ def _draw_lines(panel: "Axes", fit: Fit) -> None:
     """Lay a line of errors over the groups for each candidate of the front."""
     style = class_style(fit.afferent, TEXT_PT + 3)
     rmse_ips = np.sqrt(fit.front.errors_ips2)
-    published_ips = np.sqrt(fit.problem.group_errors(fit.published.predicted_ips[None])[0])
+    as_printed_ips = fit.seen["published_ips"].to_numpy()
+    published_ips = np.sqrt(fit.problem.group_errors(as_printed_ips[None])[0])
     along = np.arange(rmse_ips.shape[1])
     opaque = float(np.clip(8.0 / len(rmse_ips), _LEAST_OPAQUE, _MOST_OPAQUE))
     panel.plot(along, rmse_ips.T, color=style["color"], alpha=opaque)
@@ -146,18 +147,17 @@ def _draw_pair(panel: "Axes", fit: Fit) -> None:
 
 def _draw_rates(panels: "list[Axes]", columns: list[str], fit: Fit) -> None:
     """Draw observed rates, and predicted ones, against amplitude; one scale a row."""
-    fitted, published = fit.fitted, fit.published
-    highest_ips = max(1.0, float(fitted.observed_ips.max()), float(fitted.predicted_ips.max()))
+    highest_ips = max(1.0, fit.seen[["observed_ips", "predicted_ips"]].to_numpy().max())
     first = True
     for panel, name in zip(panels, columns, strict=True):
-        if name not in fit.problem.group_names:
+        mine = fit.seen[fit.seen["group"] == name]
+        if mine.empty:
             panel.set_axis_off()
             continue
-        level_um = np.array([entry.level_um for entry in fitted.of_group(name).entries])
-        order = level_um.argsort(kind="stable")
-        for judged, style in ((published, _PUBLISHED), (fitted, _CHOSEN)):
-            panel.plot(level_um[order], judged.of_group(name).predicted_ips[order], **style)
-        panel.plot(level_um, fitted.of_group(name).observed_ips, **OBSERVED_DOTS)
+        rising, level_um = mine.sort_values("level_um", kind="stable"), mine["level_um"]
+        for predicted, style in (("published_ips", _PUBLISHED), ("predicted_ips", _CHOSEN)):
+            panel.plot(rising["level_um"], rising[predicted], **style)
+        panel.plot(level_um, mine["observed_ips"], **OBSERVED_DOTS)
         log_axis(panel, level_um.min() / _AMPLITUDE_ROOM, level_um.max() * _AMPLITUDE_ROOM)
         panel.set_ylim(0.0, _ROOM * highest_ips)
         panel.tick_params(labelleft=first)

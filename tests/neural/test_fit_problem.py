@@ -227,8 +227,8 @@ def test_a_search_minimises_targets_too_and_rates_come_first():
     front = search_front(problem, evaluations=200, population=20)
     choice = choose(problem, front)
 
-    assert front.target_errors.shape == (len(front.values), 1)
-    errors = problem.target_errors(front.values)
+    assert front.target_errors.shape == (len(front.candidates), 1)
+    errors = problem.target_errors(front.candidates)
     np.testing.assert_array_equal(front.target_errors, errors)
     rmse = np.sqrt(front.errors_ips2[:, 0])
     assert rmse[choice.row] <= 1.1 * rmse.min()

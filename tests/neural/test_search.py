@@ -12,9 +12,9 @@ from neural.search import (
     NEAR_SHARE,
     Front,
     choose,
-    cross_validate,
     frequency_response_error_ips,
     from_unit,
+    held_out_ips,
     search_front,
     total_rmse_ips,
 )
@@ -58,17 +58,17 @@ def test_the_same_seed_gives_the_same_front_and_another_another(front):
     same = search_front(PROBLEM, seed=3, **SMALL)
     other = search_front(PROBLEM, seed=4, **SMALL)
 
-    np.testing.assert_array_equal(same.values, front.values)
+    np.testing.assert_array_equal(same.candidates, front.candidates)
     np.testing.assert_array_equal(same.errors_ips2, front.errors_ips2)
     assert (same.seed, other.seed) == (3, 4)
-    assert not np.array_equal(other.values, front.values)
+    assert not np.array_equal(other.candidates, front.candidates)
 
 
 def test_who_watches_does_not_change_what_is_found(front):
     seen = []
     watched = search_front(PROBLEM, seed=3, on_progress=seen.append, **SMALL)
 
-    np.testing.assert_array_equal(watched.values, front.values)
+    np.testing.assert_array_equal(watched.candidates, front.candidates)
     assert [each.evaluations for each in seen] == [24, 48, 72, 96, 120]
     assert {each.of for each in seen} == {120}
     assert all(1 <= each.front_size <= 24 for each in seen)
@@ -106,7 +106,7 @@ def test_the_errors_of_a_front_are_of_full_precision(name, monkeypatch):
     monkeypatch.setattr(FitProblem, "errors_ips2", lying)
     found = search_front(problem, seed=2, evaluations=48, population=24)
 
-    np.testing.assert_array_equal(found.errors_ips2, true_errors(problem, found.values))
+    np.testing.assert_array_equal(found.errors_ips2, true_errors(problem, found.candidates))
     rows = found.errors_ips2
     for one in rows:
         assert not ((rows <= one).all(axis=1) & (rows < one).any(axis=1)).any()
@@ -134,7 +134,7 @@ def test_an_interrupt_inside_a_generation_gives_the_whole_ones_before(monkeypatc
     assert (stopped.finished, stopped.evaluations) == (False, 24 * generations)
     monkeypatch.undo()
     by_then = search_front(PROBLEM, seed=3, evaluations=24 * generations, population=24)
-    np.testing.assert_array_equal(stopped.values, by_then.values)
+    np.testing.assert_array_equal(stopped.candidates, by_then.candidates)
 
 
 def test_the_unit_square_spans_what_is_searched():
@@ -172,7 +172,7 @@ def front_of(problem, *candidates):
     return Front(
         free=problem.free,
         groups=problem.group_names,
-        values=values,
+        candidates=values,
         errors_ips2=problem.errors_ips2(values),
         evaluations=len(values),
         seed=1,
@@ -242,44 +242,32 @@ def grouped_problem(observed_ips=OBSERVED_IPS, groups=GROUPS):
     return problem_with(stress_pa, observed_ips, groups, cells=2)
 
 
-def trial_of(problem, **options):
-    return cross_validate(problem, 5, **{"evaluations": EVALUATIONS, **options})
-
-
 @pytest.fixture(scope="module")
-def trial():
-    return trial_of(grouped_problem())
+def held_out():
+    return held_out_ips(grouped_problem(), seed=5, evaluations=EVALUATIONS)
 
 
-def test_a_held_out_prediction_does_not_know_what_was_observed(trial):
-    """Rates of one group change: its predictions stay, the fit and others move."""
+def test_a_held_out_prediction_does_not_know_what_was_observed(held_out):
+    """Rates of one group change: its predictions stay, others move."""
     inside = np.array([name == "20" for name in GROUPS])
     changed = np.where(inside, 15.0, OBSERVED_IPS)
 
-    other = trial_of(grouped_problem(changed))
+    other = held_out_ips(grouped_problem(changed), seed=5, evaluations=EVALUATIONS)
 
-    np.testing.assert_array_equal(other.held_out_ips[inside], trial.held_out_ips[inside])
-    assert (other.held_out_ips[~inside] != trial.held_out_ips[~inside]).any()
-    assert (other.fitted_ips != trial.fitted_ips).any()
+    np.testing.assert_array_equal(other[inside], held_out[inside])
+    assert (other[~inside] != held_out[~inside]).any()
 
 
 def test_predictions_are_those_of_searches_done_apart():
     problem, rule = grouped_problem(), "frequency_response"
-    trial = trial_of(problem, rule=rule, evaluations=200)
+    found = held_out_ips(problem, rule, seed=5, evaluations=200)
 
-    def best(part):
-        front = search_front(part, seed=5, evaluations=200)
-        return front.values[choose(part, front, rule).row]
-
-    fitted = best(problem)
-    assert trial.parameters == problem.parameters(fitted)
-    np.testing.assert_array_equal(trial.fitted_ips, problem.rates_ips(fitted)[0])
     for name in ("20", "90", "50"):
         inside = np.array([group == name for group in GROUPS])
-        without = best(problem.part(~inside))
-        np.testing.assert_array_equal(
-            trial.held_out_ips[inside], problem.rates_ips(without)[0, inside]
-        )
+        part = problem.part(~inside)
+        front = search_front(part, seed=5, evaluations=200)
+        without = front.candidates[choose(part, front, rule).row]
+        np.testing.assert_array_equal(found[inside], problem.rates_ips(without)[0, inside])
 
 
 @pytest.mark.parametrize(

@@ -116,16 +116,14 @@ def test_the_verb_writes_table_summary_and_picture(table, tmp_path, capsys):
 
 def test_an_interrupt_keeps_the_cases_that_are_finished(table, tmp_path, monkeypatch, capsys):
     """Also one in the middle of a search, which is not taken for a whole one."""
-    from neural import search
-
-    asked, whole = [], search.search_front
+    asked, whole = [], study.search_front
 
     def stop_in_second_case(problem, **words):
         asked.append(problem.model.name)
         front = whole(problem, **words)
         return replace(front, finished=False) if asked[-1] == "two_way" else front
 
-    monkeypatch.setattr(search, "search_front", stop_in_second_case)
+    monkeypatch.setattr(study, "search_front", stop_in_second_case)
     words = ["study", "--observed", str(table), "--drive", "corpuscle", "two_way", "corpuscle"]
     short = ["--evaluations", "200", "--seeds", "1", "--json", "-o", str(tmp_path / "s")]
     assert main([*words, *short]) == 130
@@ -148,7 +146,7 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_first_case(
         (output / name).mkdir(parents=True)
     else:
         output.write_text("mine")
-    monkeypatch.setattr(study, "cross_validate", lambda *_, **__: pytest.fail("computed"))
+    monkeypatch.setattr(study, "search_front", lambda *_, **__: pytest.fail("computed"))
 
     assert main(["study", "--observed", str(table), "-o", str(output)]) == 1
 

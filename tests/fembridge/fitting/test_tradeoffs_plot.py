@@ -30,9 +30,8 @@ def test_every_candidate_has_a_line_the_chosen_and_table_2_one_more(run, figure)
         *candidates, published, chosen = [line.get_ydata() for line in panel.get_lines()]
         assert_allclose(candidates, rmse_ips)
         assert_allclose(chosen, rmse_ips[fit.choice.row])
-        away = fit.published.predicted_ips - fit.published.observed_ips
-        groups = np.array(fit.problem.groups)
-        expected = [np.sqrt(np.mean(away[groups == name] ** 2)) for name in fit.problem.group_names]
+        squared = (fit.seen["published_ips"] - fit.seen["observed_ips"]) ** 2
+        expected = np.sqrt(squared.groupby(fit.seen["group"], sort=False).mean())
         assert_allclose(published, expected)
         assert panel.get_ylim()[1] > max(rmse_ips.max(), *expected)
 
@@ -42,14 +41,13 @@ def test_rates_stand_over_their_amplitudes(run, figure):
     for fit, row in zip(run.fits, (panels[2:6], panels[8:12]), strict=True):
         for panel, name in zip(row, fit.problem.group_names, strict=True):
             published, chosen, dots = panel.get_lines()
-            mine = fit.fitted.of_group(name)
-            amplitudes = [entry.amplitude_um for entry in mine.entries]
+            mine = fit.seen[fit.seen["group"] == name]
+            amplitudes = [float(stimulus.split("_")[2]) for stimulus in mine["stimulus"]]
             assert_array_equal(dots.get_xdata(), amplitudes)
-            assert_array_equal(dots.get_ydata(), mine.observed_ips)
-            assert_array_equal(chosen.get_ydata(), mine.predicted_ips)
-            table_2 = fit.published.of_group(name).predicted_ips
-            assert_array_equal(published.get_ydata(), table_2)
-            assert panel.get_ylim()[1] > mine.observed_ips.max()
+            assert_array_equal(dots.get_ydata(), mine["observed_ips"])
+            assert_array_equal(chosen.get_ydata(), mine["predicted_ips"])
+            assert_array_equal(published.get_ydata(), mine["published_ips"])
+            assert panel.get_ylim()[1] > mine["observed_ips"].max()
 
 
 def test_the_ring_is_around_the_chosen_candidate_of_the_pair_that_is_named(run, figure):
