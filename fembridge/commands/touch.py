@@ -83,7 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         noise_mv=(
             "MV",
             "noise of the membrane, mV after 1 ms, by which trials differ; "
-            "recorded timing bounds it to 0.1 or so (docs/touch.md)",
+            "recorded timing bounds it to 0.1 or so (docs/touch_evidence.md)",
         ),
         seed=("N", "of the noise"),
     )
