@@ -281,7 +281,7 @@ def test_a_search_that_cannot_be_is_refused(change, words):
     with pytest.raises(ParameterError, match=words):
         search_front(PROBLEM, **{**SMALL, **change})
     with pytest.raises(ParameterError, match="only the group all, expected two or more"):
-        trial_of(grouped_problem(groups=("all",) * 5))
+        held_out_ips(grouped_problem(groups=("all",) * 5))
     problem = choice_problem([0.0] * 4)
     with pytest.raises(ParameterError, match=r"rule .best., expected one of smallest_error, bal"):
         choose(problem, front_of(problem, EVERY), "best")
