@@ -10,7 +10,10 @@ if TYPE_CHECKING:
 ABSENT = "–"
 # The longer first: a name ends in one of them.
 _UNITS = {
+    "_mpa_per_mm": "MPa/mm",
+    "_mm_per_s": "mm/s",
     "_n_per_mm": "N/mm",
+    "_kg_m3": "kg/m³",
     "_percent": "%",
     "_kpa": "kPa",
     "_mpa": "MPa",

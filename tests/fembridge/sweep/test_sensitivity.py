@@ -25,7 +25,7 @@ from fembridge.sensitivity import (
 )
 from fembridge.sweeps import read_study
 from fembridge.sweeps.fingers import Range, one_at_a_time
-from fembridge.words import number
+from fembridge.words import number, split_unit
 
 GROUPS = ("all", "sine_20", "noise")
 HEADER = (
@@ -306,3 +306,17 @@ def test_stress_goes_up_as_all_moduli_together():
         assert mine.sum() == pytest.approx(1, abs=0.01)
         shown = ", ".join(number(each, "+.2f") for each in mine)
         assert f"{afferent} {shown}" in " ".join(PAGE.split())
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("skin.dermis_mm", ("skin.dermis", "mm")),
+        ("contact.stiffness_mpa_per_mm", ("contact.stiffness", "MPa/mm")),
+        ("slide_mm_per_s", ("slide", "mm/s")),
+        ("materials.dermis.density_kg_m3", ("materials.dermis.density", "kg/m³")),
+        ("contact.friction", ("contact.friction", "")),
+    ],
+)
+def test_a_name_is_parted_from_its_whole_unit(name, words):
+    assert split_unit(name) == words
