@@ -57,7 +57,6 @@ def test_options_arrive_in_the_record_of_the_deck(here):
         (["--probe-diameter-mm", "-1"], 2, "probe: diameter_mm must be 0.01 to 20"),
         (["--probe-fillet-mm", "0.05"], 2, "--probe-shape flat"),
         (["--probe-x-mm", "50"], 1, "the probe spans x = "),
-        (["--seed", "-1"], 2, "seed is -1"),
         (["--slide-mm-per-s", "0"], 2, "slides at 0 mm/s"),
         (["--slide-mm-per-s", "1e4"], 1, "expected inside the pad"),
         (["--solver", "marc", "--slide-mm-per-s", "4"], 1, "no sliding probe for marc"),
@@ -91,19 +90,6 @@ def test_a_probe_that_slides_has_its_way_in_deck_and_waveform(here):
     assert (times_ms.size, depth_um.size) == (501, 501)
     assert read_run_folder(folder).inputs["stimulus"]["slide_mm_per_s"] == 4.0
     assert "*AMPLITUDE, NAME=ASIDE" in (folder / "job.inp").read_text("ascii")
-
-
-def test_an_own_deck_has_its_own_conditions_for_a_slide(here, capsys):
-    assert main(["build-deck", "--stimulus", "sine_20_250", "-o", "ours"]) == 0
-    base = here / "ours" / "sine_20_250" / "job.inp"
-    words = ["--base-deck", str(base), "--slide-mm-per-s", "4"]
-
-    assert main(["build-deck", "--stimulus", "sine_20_250", *words]) == 1
-
-    assert "slides by your own conditions" in capsys.readouterr().err
-
-
-# ---- Whole fields beside the traces
 
 
 def wave(samples):

@@ -1,7 +1,5 @@
 """Pictures of curves: responses, stress traces, waveforms."""
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.errors import UsageError
-from fembridge.plots.response import closure_text, response_figure
+from fembridge.plots.response import response_figure
 from fembridge.plots.style import AFFERENT_COLOURS, INK
 from fembridge.plots.trace import MOST_PANELS, trace_figure
 from fembridge.plots.waveform import scale_ticks, waveform_figure
@@ -65,16 +63,6 @@ def test_a_response_shows_stress_in_kpa_pc_apart_and_force_in_mn():
     assert shallow.get_ylabel() == deep.get_ylabel() == "Von Mises stress (kPa)"
 
 
-@pytest.mark.parametrize(
-    ("percent", "shown"),
-    [(0.0312, "within 0.031 %"), (1e-6, "within 0.01 %"), (math.nan, "not compared")],
-)
-def test_a_response_says_how_unloading_came_back(percent, shown):
-    response = response_of("SA", closure_percent=percent)
-    assert shown in closure_text(response)
-    assert closure_text(response) in words_of(response_figure(response))
-
-
 @pytest.mark.parametrize(("peak_pa", "unit"), [(999.0, "Pa"), (1000.0, "kPa")])
 def test_traces_are_in_kpa_unless_none_reaches_one(peak_pa, unit):
     loud = StressTrace(np.array([0.0, peak_pa, 0.0]), 0.5, 3, "SA", start_ms=0.5)
@@ -113,12 +101,6 @@ def test_time_that_is_not_counted_has_a_ground():
     (panel,) = waveform_figure([stimulus]).axes
     spans = [(patch.get_x(), patch.get_width()) for patch in panel.patches]
     assert spans == [(0.0, 100.0), (200.0, 50.0)]
-
-
-def test_a_scale_names_its_ends_and_a_first_touch_that_is_clear_of_them():
-    assert scale_ticks(-0.7218, 0.7463) == pytest.approx([-0.72, 0.0, 0.75], abs=1e-12)
-    assert scale_ticks(-0.1, 5.0) == [-0.1, 5.0]
-    assert scale_ticks(3.0, 3.0) == [3.0]
 
 
 @given(low=st.floats(-1e4, 1e4), span=st.floats(1e-3, 2e4))

@@ -82,8 +82,6 @@ def test_exit_201_is_a_healthy_answer_to_the_version_question(bin_folder):
     check = check_ccx()
     assert check.state == "ok"
     assert check.found == f"2.20, {bin_folder / 'ccx'}"
-    program(bin_folder / "ccx", 'echo "This is Version 2.23"; exit 201')
-    assert "2.20" in check_ccx().found
 
 
 def test_a_solver_that_does_not_start_tells_why(bin_folder):
@@ -101,8 +99,6 @@ def test_without_a_solver_the_doctor_is_content_and_tells_the_line(bin_folder, c
     out = capsys.readouterr().out
     assert re.search(r"^note +ccx +not found", out, re.MULTILINE)
     assert f"-> {SOLVER_INSTALL_LINE}" in out
-    assert "conda-forge" in out
-    assert "brew" in out
 
 
 def test_a_missing_need_is_exit_1_and_a_missing_extra_is_not(bin_folder, monkeypatch, capsys):

@@ -1,7 +1,6 @@
 """The tree of errors: as it is drawn, through a pickle, and on the command line."""
 
 import pickle
-import re
 from pathlib import Path
 
 import pytest
@@ -15,26 +14,6 @@ CLASSES = {
     if isinstance(thing, type) and issubclass(thing, FembridgeError)
 }
 PUBLIC = [thing for name, thing in CLASSES.items() if not name.startswith("_")]
-LINE = re.compile(r"^(?P<bars>[│ ├└─]*)(?P<name>[A-Z]\w+Error)\b")
-
-
-def drawn_tree():
-    """Give ``{error: parent}`` as the docstring of the module draws it."""
-    above, parents = [], {}
-    for line in errors.__doc__.splitlines():
-        if match := LINE.match(line):
-            depth = len(match["bars"]) // 4
-            parents[match["name"]] = above[depth - 1] if depth else None
-            above[depth:] = [match["name"]]
-    return parents
-
-
-def test_the_drawn_tree_is_the_real_one():
-    real = {}
-    for thing in PUBLIC:
-        above = (base.__name__ for base in thing.__mro__[1:] if base in PUBLIC)
-        real[thing.__name__] = next(above, None)
-    assert drawn_tree() == real
 
 
 @pytest.mark.parametrize("error", PUBLIC, ids=lambda error: error.__name__)

@@ -88,11 +88,8 @@ def test_a_set_needs_a_deck_and_can_name_one(here, capsys):
     [
         ([ASCII, "--list", "--node", "1"], "--list and --node do not go together"),
         ([ASCII, "--node", "11", "--increment", "2"], "--increment is for --field"),
-        ([ASCII, "--afferents", "--set", "A"], "--set and --afferents do not go tog"),
-        ([ASCII, "--field", "DISP", "--vtu", "v"], "--vtu and --field do not go toge"),
         ([ASCII, "--point", "1:1"], "--point is for a .dat"),
         ([DAT, "--vtu", "v"], "--vtu is for a .frd"),
-        ([DAT, "--near", "0,0"], "--near is for a .frd"),
         ([DAT, "--extrapolate", "linear"], "is asked of a Marc post file alone"),
         ([DAT, "--quantity", "forces", "stresses"], "--quantity takes one name"),
         ([ASCII, "--field", "DISP", "-o", "f.txt"], "expected a name in .npz or .csv"),
@@ -102,7 +99,6 @@ def test_a_set_needs_a_deck_and_can_name_one(here, capsys):
         ([ASCII, "--node", "all", "--one-sided", "EALL"], "--one-sided takes numbers of nodes"),
         (["--node", "1", "2", "3x", ASCII], "argument --node: invalid node value: '3x'"),
         ([ASCII, "--node", "25", "-o", "t.parquet"], "t.parquet: a table is written as .csv"),
-        ([ASCII, "--node", "25", "-o", "t"], "t: a table is written as .csv"),
     ],
 )
 def test_words_that_mean_nothing_together_are_misuse(refused, words, shown):

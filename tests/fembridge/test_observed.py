@@ -95,7 +95,6 @@ LACKING = "sine_20_25,SA,3\nsine_20_25,RA,3\nsine_50_250,SA,4\nsine_100_10,RA,5\
             "0.25, the highest of PC",
         ),
         (",SA,3\n", 2, "stimulus is empty"),
-        ("sine 20 250,SA,3\n", 2, "'sine 20 250'"),
         ("sine_20_250um,SA,3\n", 2, "did you mean sine_20_250"),
         ("sine_2000_5,SA,3\n", 2, "sine_2000_5: frequency_hz"),
         ("sine_20,SA,3\n", 2, "'sine_20' names 12 stimuli"),

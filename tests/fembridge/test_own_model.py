@@ -70,19 +70,14 @@ def test_the_verb_tells_what_it_changed_and_its_summary_lists_it(here, capsys):
     ("more", "code", "said"),
     [
         (["--finger", "paper"], 2, "--finger is for our finger"),
-        (["--friction", "0.2"], 2, "--friction is for our finger"),
         (["--afferent", "SA=1", "--afferent", "SA=2"], 2, "names SA twice"),
-        (
-            ["--solver", "marc"],
-            1,
-            "fembridge: mine.inp: a .inp is a deck for calculix or abaqus, not for marc\n",
-        ),
+        (["--solver", "marc"], 1, "mine.inp: a .inp is a deck for calculix or abaqus, not for"),
+        (["--slide-mm-per-s", "4"], 1, "slides by your own conditions"),
         (["--amplitude", "NONE"], 1, "mine.inp"),
         (["--afferent", "SA=999999"], 1, "999999"),
         (["--results", "both"], 1, "expected binary or text"),
         (["--afferent", "SA"], 2, "expected NAME=NODE"),
         (["--afferent", "SA=-1"], 2, "expected NAME=NODE"),
-        (["--afferent", "XX=3"], 2, "'XX', expected one of SA, RA, PC"),
         (["--afferent", "sa=3"], 2, "'sa', expected one of SA, RA, PC"),
     ],
 )
@@ -130,7 +125,7 @@ def test_included_files_come_along(here, noise):
     assert not (here / "again").exists()
 
 
-@pytest.mark.parametrize("name", ["../mesh.inc", "/etc/passwd", "run.toml", "a/b.inc"])
+@pytest.mark.parametrize("name", ["../mesh.inc", "run.toml"])
 def test_an_included_file_from_elsewhere_is_refused(here, noise, name):
     text = (here / "mine.inp").read_text()
     (here / "mine.inp").write_text(f"*INCLUDE, INPUT={name}\n{text}")
@@ -149,21 +144,3 @@ def test_results_of_a_run_are_in_the_units_that_its_deck_was_built_with(here):
     with open_result(run) as result:
         options = result.source.options
         assert (options.stress_unit, options.length_unit) == ("kPa", "m")
-
-
-def test_our_marc_deck_is_somebodys_own_model_too(here, noise, capsys):
-    words = ["--solver", "marc", "--preindent-um", "0"]
-    main(["build-deck", "--stimulus", "sine_20_250", *words, "-o", "marc"])
-    deck = here / "marc/sine_20_250/job.dat"
-    (here / "mine.dat").write_bytes(deck.read_bytes())
-    base = read_base_deck(here / "mine.dat")
-    run, remarks = build_own_folder(here / "run", base, noise, Request(afferents=NODES))
-    assert (run.solver, run.deck.name, run.increments) == ("marc", "job.dat", 500)
-    assert any("table 'waveform' is the waveform" in remark for remark in remarks)
-    old, new = deck.read_bytes().splitlines(), run.deck.read_bytes().splitlines()
-    assert len(old) == len(new)
-    table = next(
-        k for k, line in enumerate(old) if line.startswith(b"table     ") and b"waveform" in line
-    )
-    differing = [k for k in range(len(old)) if old[k] != new[k]]
-    assert differing and table < min(differing) <= max(differing) <= table + 503

@@ -113,9 +113,3 @@ def test_where_there_is_no_terminal_a_run_gets_a_line_now_and_then(capsys, monke
         "runs/next: 1%",
     ]
     assert lines[0].endswith("150/500 increments, 17 iterations, 0:01:10 left")
-
-
-def test_what_ends_soon_gets_no_line_without_a_terminal(capsys):
-    with SolverBars(0) as bars:
-        bars(progress())
-    assert capsys.readouterr().err == ""

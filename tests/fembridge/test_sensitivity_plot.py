@@ -99,6 +99,7 @@ def test_one_at_a_time_is_known_by_its_table_and_drawn(results, tmp_path, capsys
     assert {row["monotone"] for row in written} == {"yes"}
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_hypercube_is_ranked_and_its_summary_gives_the_same_again(
     results, tmp_path, capsys, monkeypatch
 ):

@@ -1,7 +1,6 @@
 """The whole pipeline as a function: where stress comes from, what it gives, its files."""
 
 import os
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,10 +16,8 @@ from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge import simulation as module
 from fembridge.errors import (
-    OutputError,
     ParameterError,
     ResponseError,
-    ResultError,
     SolverError,
     TraceError,
     UsageError,
@@ -28,17 +25,14 @@ from fembridge.errors import (
 from fembridge.response.indentation import LADDER, FrictionSlipError
 from fembridge.response.response_map import FOLDER, read_map
 from fembridge.run_folder import read_run_folder
-from fembridge.simulation import check_cost, encode_all, find_file, simulate, stimuli_in
+from fembridge.simulation import check_cost, encode_all, simulate, stimuli_in
 from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause, Failure, Outcome
 from fembridge.tables import read_spikes
 from fembridge.trace import StressTrace
 from neural import PUBLISHED, encode, parameter_set
 
-RUN = Path(__file__).parents[2] / "fixtures" / "transient_sine"
-
 GAIN_PA_PER_UM = {"SA": 120.0, "RA": 75.0, "PC": 4.0}
-FILES = ["rates.csv", "simulation.toml", "spikes.csv", "traces.npz"]
 STIMULI = tuple(make_stimulus(entry) for entry in resolve(["sine_20_250,noise_25_250_20"]))
 
 
@@ -99,23 +93,6 @@ def test_the_finger_of_an_earlier_simulation_goes_and_one_of_ones_own_stays(
     assert (tmp_path / "finger.toml").exists() == mine
 
 
-@pytest.mark.parametrize("blocked", FILES)
-def test_a_result_that_cannot_be_written_leaves_the_earlier_one(tmp_path, simulation, blocked):
-    """Whichever of the four it is: no file of the new one beside three old ones."""
-    simulation.write(tmp_path)
-    (tmp_path / blocked).unlink()
-    (tmp_path / blocked).mkdir()
-    before = {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()}
-    other = replace(simulation, trains=(), mean_rates=(), origin={"method": "x"})
-
-    with pytest.raises(OutputError, match=f"{blocked}: a folder stands where a file"):
-        other.write(tmp_path)
-
-    after = {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()}
-    assert after == before
-    assert len(before) == 3
-
-
 def other_clock(**changes):
     rows = traces_of()
     rows[1][2] = replace(rows[1][2], **changes)
@@ -174,50 +151,6 @@ def test_cells_that_are_in_no_row_of_the_table_come_back_silent(out, indented):
 
     assert len(tabled) < len(indented.trains)
     assert keys(stimuli_in(out).with_silent(tabled)) == keys(indented.trains)
-
-
-def test_a_run_folder_has_its_own_waveform():
-    [stimulus] = stimuli_in(RUN).stimuli
-
-    assert stimulus.id == "sine_50_250_first_60_ms"
-    assert (stimulus.dt_ms, stimulus.displacement_um.max()) == (0.5, 250.0)
-
-
-def test_any_other_folder_has_none(tmp_path):
-    assert not stimuli_in(tmp_path).stimuli
-
-
-@pytest.mark.parametrize(
-    ("name", "share"),
-    [("traces.npz", 0.0), ("traces.npz", 0.5), ("traces.npz", 0.99), ("simulation.toml", 0.2)],
-)
-def test_a_cut_file_is_named(out, name, share):
-    path = out / name
-    content = path.read_bytes()
-    path.write_bytes(content[: int(share * len(content))])
-    with pytest.raises(ResultError) as caught:
-        stimuli_in(out)
-    assert caught.value.path == path
-
-
-def test_a_file_is_itself_and_a_folder_has_the_first_name_that_is_there(out):
-    assert find_file(out / "spikes.csv", ("rates.csv",), "") == out / "spikes.csv"
-    assert find_file(out, ("nothing.csv", "rates.csv"), "") == out / "rates.csv"
-
-
-def test_the_only_one_below_is_taken_and_of_more_all_are_named(out):
-    assert find_file(out.parent, ("rates.csv",), "") == out / "rates.csv"
-    shutil.copytree(out, out.parent / "again")
-    with pytest.raises(UsageError) as caught:
-        find_file(out.parent, ("rates.csv",), "")
-    assert str(out / "rates.csv") in str(caught.value)
-    assert str(out.parent / "again" / "rates.csv") in str(caught.value)
-
-
-def test_none_anywhere_says_what_makes_one(tmp_path):
-    with pytest.raises(ResultError, match=r"rates\.csv.*simulate leaves it") as caught:
-        find_file(tmp_path, ("rates.csv",), "simulate leaves it")
-    assert caught.value.path == tmp_path
 
 
 def stimuli_of(word, **options):
@@ -409,15 +342,6 @@ def test_a_transient_that_diverges_gets_the_next_contact_and_the_others_stay(
     assert [contact["stick_share"] for contact in used] == [0.1, 0.01]
     assert list(found.origin["contacts"].values()) == used
     assert any("left node-to-surface, 200 MPa/mm" in line for line in lines)
-
-
-def test_a_transient_that_diverges_with_every_contact_is_an_error(
-    tmp_path, model, accepting, transients
-):
-    transients.failures = [Cause.DIVERGED] * 99
-    with pytest.raises(SolverError, match="sine_20_250"):
-        simulate(ONE, model, tmp_path, method="transient")
-    assert len(transients) == len(LADDER)
 
 
 @pytest.mark.parametrize(

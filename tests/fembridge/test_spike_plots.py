@@ -82,30 +82,12 @@ def test_the_time_axis_covers_every_spike_unless_it_is_said():
     assert shown.get_xlim() == (0.0, 100.0)
 
 
-def test_82_rows_keep_their_names_apart_and_fit_a_page():
-    """A row of 82 must be taller than its label; a journal page is 9.5 in high."""
-    names = [f"sine_20_{k}" for k in range(82)]
-
-    figure = raster_figure([train(name) for name in names])
+def test_a_name_is_shown_as_it_is():
+    """Endless ones are cut: `test_plot_labels`."""
+    figure = raster_figure([train("cost_$5_$6")])
     figure.draw_without_rendering()
-
-    panel = figure.axes[0]
-    boxes = [label.get_window_extent() for label in panel.get_yticklabels()]
-    upper = sorted(boxes, key=lambda box: -box.y0)
-    assert all(a.y0 >= b.y1 for a, b in pairwise(upper))
-    assert figure.get_figheight() <= 9.5
-    assert min(box.x0 for box in boxes) >= 0
-
-
-def test_a_name_is_shown_as_it_is_and_cut_where_it_is_endless():
-    figure = raster_figure([train("cost_$5_$6"), train("x" * 90)])
-    figure.draw_without_rendering()
-
-    short, long = figure.axes[0].get_yticklabels()
-    assert short.get_text() == "cost_$5_$6"
-    assert not short.get_parse_math()
-    assert set(long.get_text()) == {"x", "…"}
-    assert len(short.get_text()) < len(long.get_text()) < 40
+    [label] = figure.axes[0].get_yticklabels()
+    assert (label.get_text(), label.get_parse_math()) == ("cost_$5_$6", False)
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg", pytest.param("pdf", marks=pytest.mark.slow)])

@@ -363,9 +363,10 @@ def test_a_file_that_is_no_toml_is_one_line_with_its_name(tmp_path, content, fou
     assert str(caught.value).startswith(f"{path}: ")
 
 
-KEYS = st.text(min_size=1, max_size=5)
+LETTERS = 'ab"\\\n é€😀'  # not all of Unicode, whose table takes seconds
+KEYS = st.text(LETTERS, min_size=1, max_size=5)
 NUMBERS = st.one_of(st.integers(-(2**70), 2**70), st.floats(allow_nan=False, allow_infinity=False))
-LEAVES = st.one_of(NUMBERS, st.text(max_size=5), st.booleans(), st.none())
+LEAVES = st.one_of(NUMBERS, st.text(LETTERS, max_size=5), st.booleans(), st.none())
 
 
 @given(st.dictionaries(KEYS, LEAVES, max_size=4), KEYS, NUMBERS, NUMBERS)
@@ -413,9 +414,3 @@ def test_a_toml_that_would_fill_the_memory_is_refused_before_it_is_parsed(tmp_pa
         tracemalloc.stop()
     if bomb in ("dotted", "quoted", "head", "inline"):
         assert f"{path}:2: " in str(refused.value)
-
-
-def test_dots_in_words_and_numbers_are_no_deep_key(tmp_path):
-    path = tmp_path / "run.toml"
-    path.write_text('a.b.c.d.e.f.g.h = "x.1.2.3 a/b.c/d"\nn = [1.5, 2.5]\n')
-    assert read_toml(path, FembridgeError)["n"] == [1.5, 2.5]

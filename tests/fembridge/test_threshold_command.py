@@ -99,6 +99,7 @@ def test_the_command_writes_a_table_and_a_picture(tmp_path, capsys):
     assert read_evidence(own, THRESHOLDS).table["amplitude_um"].tolist() == [1.0]
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_files_are_written_also_where_nobody_reads_what_is_printed(tmp_path, capsys, monkeypatch):
     def left(*words, **how):
         raise BrokenPipeError

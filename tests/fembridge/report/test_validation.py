@@ -1,23 +1,38 @@
-"""What a validation computes, of rates and spikes whose agreement is known."""
+"""What a validation computes, of rates and spikes whose agreement is known; and its report.
 
+One validation and one report for all tests: own parameters against made-up rates.
+"""
+
+import csv
+import hashlib
+import json
 import math
+import re
+import shlex
+import tomllib
 from dataclasses import replace
+from functools import partial
+from itertools import product
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 from numpy.testing import assert_allclose, assert_array_equal
 
 import fembridge
 from decks.stimuli import CATALOGUE
+from fembridge.cli import main
 from fembridge.errors import MissingError, UsageError
 from fembridge.evidence import THRESHOLDS, Facts, published, touchsim_rates
 from fembridge.fitting.problem import stored_source
 from fembridge.observed import read_observed
-from fembridge.report import recorded
+from fembridge.plots.rates import rates_figure
+from fembridge.report import recorded, validation_page
 from fembridge.report.rates import (
     EVERY_SET,
     FAMILIES,
@@ -34,11 +49,19 @@ from fembridge.report.rates import (
 from fembridge.report.recorded import Answering, gather, phases_of
 from fembridge.report.shortfalls import fingertip_shortfalls, shortfalls
 from fembridge.report.validate import (
+    RASTER_STIMULI,
     judged_models,
+    repeated_trains,
     response_of,
     validate,
 )
-from fembridge.report.validation_page import page_text
+from fembridge.report.validation_page import (
+    PAGE,
+    page_text,
+    rasters_figure,
+    regression_figure,
+    write_report,
+)
 from fembridge.response.response_map import FOLDER
 from fembridge.tables import AFFERENTS, Rate, SpikeTrain, write_rates
 from fembridge.tuning import vibration
@@ -49,6 +72,87 @@ SINES_OBSERVED = Path(fembridge.__file__).parents[2] / "shared/data/observed_sin
 TRUE = touchsim_rates()
 SOME = ("sine_20_250", "sine_50_250", FAMILIES[2].stimuli[0])
 PLACES = [(stimulus, afferent) for stimulus in SOME for afferent in AFFERENTS]
+
+
+OWN = "base = 'published'\n[SA]\nalpha_mv_per_ms = 1.2\n[RA]\ntau_ms = 40.0\n"
+COMMAND = "fembridge validate -o report --observed rates.csv --parameters own.toml"
+
+
+def made_up_rates():
+    """Rates near TouchSim's of all sinusoids, and of SA under diharmonics."""
+    rng = np.random.default_rng(5)
+    return [
+        Rate(rate.stimulus, rate.afferent, max(0.0, rate.rate_ips + rng.normal(0, 3)))
+        for rate in touchsim_rates()
+        if rate.stimulus.startswith("sine")
+        or (rate.stimulus.startswith("diharm_10_50_") and rate.afferent == "SA")
+    ]
+
+
+@pytest.fixture(scope="module")
+def observed_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("observed") / "rates.csv"
+    write_rates(path, made_up_rates())
+    return path
+
+
+@pytest.fixture(scope="module")
+def own_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("parameters") / "own.toml"
+    path.write_text(OWN, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def study(observed_file, own_file):
+    """Thresholds at few frequencies and distances at few amplitudes: those take the time."""
+    observed = read_observed(observed_file, complete=False)
+    response, models = stored_source("quick").response, judged_models(str(own_file))
+    table, source = published(THRESHOLDS).table, published(THRESHOLDS).source
+    few = Facts(table[table.frequency_hz.between(70, 80)], source)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recorded, "CURVE_HZ", (200.0,))
+        patch.setattr(recorded, "_PIN_UM", recorded._PIN_UM[::4])
+        return validate(response, models, observed, facts={THRESHOLDS: few})
+
+
+@pytest.fixture
+def computed(study, monkeypatch):
+    """What takes most of a validation is neither gathered nor simulated again: as in `study`."""
+    known = study.simulations
+    module = "fembridge.report.validate"
+    monkeypatch.setattr(f"{module}.gather", lambda *_: study.evidence)
+    monkeypatch.setattr(f"{module}._simulated", lambda model, response: known[model.name])
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Leave out the figures of a page, which take most of its time."""
+    names = ["skin_deflection", "rasters", "tuning", "phases", "man", "distance", "ramp"]
+    names += ["fingertip_rates", "fingertip_tuning"]
+    names += [f"{kind}_{one.name}" for kind in ("rates", "regression") for one in FAMILIES]
+    monkeypatch.setattr(validation_page, "_figures", lambda study: [(n, None) for n in names])
+    monkeypatch.setattr(validation_page, "_inline_svg", lambda figure, path: "")
+
+
+DRAWN = ("phases", "man", "distance")
+"""Figures of which no other test draws the like."""
+
+
+@pytest.fixture(scope="module")
+def report(study, tmp_path_factory):
+    """All figures are made, few are drawn, and those of rates have SA alone: most of the time."""
+    folder = tmp_path_factory.mktemp("report")
+    inline_svg = validation_page._inline_svg
+
+    def drawn(figure, path):
+        return inline_svg(figure if path.stem in DRAWN else Figure(figsize=(1, 1)), path)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(validation_page, "rates_figure", partial(rates_figure, afferents=["SA"]))
+        patch.setattr(validation_page, "_inline_svg", drawn)
+        write_report(folder, study, COMMAND)
+    return folder
 
 
 def test_every_stimulus_of_the_catalogue_is_in_one_set_of_one_family():
@@ -173,9 +277,9 @@ def test_the_phase_of_a_population_is_that_of_its_cells_not_of_their_sum():
     assert_allclose(locked(trains, (20.0,)).vector_strength, [1.0])
 
 
-def test_without_observed_rates_no_goal_is_marked_and_all_is_against_touchsim(
-    unobserved, undrawn, tmp_path
-):
+@pytest.mark.usefixtures("computed", "undrawn")
+def test_without_observed_rates_no_goal_is_marked_and_all_is_against_touchsim(tmp_path):
+    unobserved = validate(stored_source("quick").response, judged_models("published"))
     text = page_text(unobserved, "fembridge validate", tmp_path)
     assert 'class="note"' in text
     assert 'class="met"' not in text
@@ -359,3 +463,238 @@ def test_what_is_known_of_man_and_of_distance_has_its_sentence_where_the_model_i
     assert lost == [
         "RA, away from a probe: amplitudes off by 2.0 times in the median, 2.0 at most."
     ]
+
+
+@pytest.fixture
+def no_page(here, monkeypatch, computed):
+    """The page is left empty, which is quick: what is on it is tested with `write_report`."""
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setattr(validation_page, "page_text", lambda *arguments: "")
+
+
+@pytest.mark.usefixtures("no_page")
+def test_a_table_on_the_screen_and_a_page_in_the_folder(here, capsys, observed_file, own_file):
+    words = ["--observed", str(observed_file), "--parameters", str(own_file)]
+    assert main(["validate", *words]) == 0
+
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "own against observed rates: R² (RMSE in impulses/s)"
+    assert lines[1].split() == ["SA", "RA", "PC"]
+    assert lines[2].startswith("sine ")
+    assert lines[4].split() == ["noise", *["no", "rates"] * 3]
+    assert lines[-1].startswith("report/index.html, and ")
+    assert (here / "report/index.html").is_file()
+    assert (here / "report/validation.toml").is_file()
+
+
+@pytest.mark.usefixtures("no_page")
+def test_json_is_all_that_stdout_holds(here, capsys):
+    words = ["validate", "-o", "out", "--parameters", "published", "--json"]
+    assert main(words) == 0
+
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["page"], summary["reference"]) == ("out/index.html", "TouchSim")
+    assert summary["models"] == ["published", "fingertip"]
+    assert len(summary["agreement"]) == 2 * 3 * 3
+    assert {row["meets_paper"] for row in summary["agreement"]} == {None}
+    assert set(summary["files"]) == {path.name for path in (here / "out").iterdir()}
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "shown"),
+    [
+        (["--parameters", "absent.toml"], 2, "absent.toml"),
+        (["--finger", "mine.toml"], 2, "mine.toml"),
+        (["-o", ""], 2, "expected the name of a folder"),
+        (["-o", "out"], 1, "fembridge: out: "),
+    ],
+)
+def test_what_is_not_there_is_one_line_before_anything_is_computed(
+    refused, file, monkeypatch, words, code, shown
+):
+    monkeypatch.setattr("fembridge.report.validate.validate", None)
+    file("out", "mine")
+    refused(["validate", "--parameters", "published", *words], shown, code)
+
+
+LEAST_PT = 7.0
+"""Of a figure of 7.2 inches: on the page it is 8.1 wide, and no letter below 8 points."""
+
+
+@pytest.fixture(scope="module")
+def page(report):
+    """The page as a tree: every tag has its end."""
+    return ElementTree.fromstring((report / PAGE).read_text(encoding="utf-8"))
+
+
+def words(element):
+    return "".join(element.itertext())
+
+
+@pytest.fixture(scope="module")
+def tables(page):
+    """Rows of cells of each table, by the id of its figure."""
+    return {
+        figure.get("id"): [[words(cell) for cell in row] for row in figure.iter("tr")]
+        for figure in page.iter("figure")
+    }
+
+
+def rows_of(path):
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_page_loads_nothing_and_its_links_lead_somewhere(page, report):
+    assert not [e for e in page.iter() if {"src", "srcset", "data"} & set(e.attrib)]
+    text = (report / PAGE).read_text(encoding="utf-8")
+    assert "@import" not in text
+    assert not re.findall(r"url\((?!#)", text)
+    ids = [element.get("id") for element in page.iter() if element.get("id")]
+    for link in (element.get("href") for element in page.iter("a")):
+        assert link[1:] in ids if link.startswith("#") else (report / link).is_file(), link
+    assert len(set(ids)) == len(ids)
+
+
+def test_every_figure_and_table_has_a_command_that_is_one_and_a_file(page, report):
+    from fembridge.cli import _parser
+
+    figures, linked = list(page.iter("figure")), set()
+    assert len(figures) > 15
+    for figure in figures:
+        [line] = map(words, figure.iterfind(".//pre/code"))
+        program, *rest = shlex.split(line)
+        assert program == "fembridge"
+        parser, command = _parser(rest)
+        assert command is not None
+        parser.parse_args(rest)
+        files = [link.get("href") for link in figure.iter("a")]
+        assert files
+        linked.update(files)
+    assert linked == {path.name for path in report.iterdir()} - {PAGE}
+
+
+def test_names_of_a_user_do_not_become_markup(study, undrawn, tmp_path):
+    judged = replace(study.judged, name="own", source="file <b>&amp;.toml")
+    text = page_text(replace(study, models=(judged, *study.models[1:])), "a < b & c", tmp_path)
+    assert "own: file &lt;b&gt;&amp;amp;.toml" in text
+    assert "<code>a &lt; b &amp; c" in text
+
+
+def by_place(rows):
+    """Cells of a table by family and class: its two heads and the heads of rows apart."""
+    family, found = None, {}
+    for row in rows[2:]:
+        if row[0] not in AFFERENTS:
+            family, row = row[0].partition(" (")[0], row[1:]
+        found[family, row[0]] = row[1:]
+    return found
+
+
+@pytest.mark.parametrize(
+    ("table", "sources"),
+    [
+        ("summary", ("own", "published", "TouchSim")),
+        ("fingertip_agreement", ("own", "fingertip", "TouchSim")),
+    ],
+)
+def test_a_table_of_agreement_shows_what_the_table_beside_it_holds(tables, report, table, sources):
+    """Of each family against observed rates, or in the second against TouchSim's without any."""
+    rows = {
+        (row["reference"], row["source"], row["family"], row["afferent"]): row
+        for row in rows_of(report / "agreement.csv")
+        if row["set"] == EVERY_SET
+    }
+    shown, compared = by_place(tables[table]), 0
+    assert len(shown) == 9
+    for family, afferent in product(FAMILIES, AFFERENTS):
+        reference = (
+            "TouchSim" if (family.name, table) == ("noise", "fingertip_agreement") else OBSERVED
+        )
+        for number, source in enumerate(sources):
+            words = shown[family.title, afferent][4 * number : 4 * number + 4]
+            row = rows.get((reference, source, family.name, afferent))
+            if row is None or row["count"] == "0":
+                assert words == ["none" if row else "", "", "", ""]
+                continue
+            compared += 1
+            numbers = [float(w.replace("−", "-").strip("<")) for w in words]
+            names = ("r_squared", "p_value", "rmse_ips", "bias_ips")
+            expected = [float(row[name]) for name in names]
+            expected[1] = max(expected[1], 0.001)
+            for half, *pair in zip((5e-3, 5e-4, 0.05, 0.05), numbers, expected, strict=True):
+                assert_allclose(*pair, rtol=0, atol=half * 1.001)
+    assert compared == 3 * (3 + 1) + (2 * 3 if reference == "TouchSim" else 0)
+
+
+def test_goals_are_marked_where_rates_were_observed_and_nowhere_else(tables):
+    judged = {("Sinusoids", afferent) for afferent in AFFERENTS} | {("Diharmonics", "SA")}
+    for place, cells in by_place(tables["summary"]).items():
+        assert set(cells[-2:]) <= ({"met", "not met"} if place in judged else {"–"}), place
+
+
+def test_rates_are_those_that_came_in_and_those_that_were_computed(report, study):
+    rows = rows_of(report / "rates.csv")
+    found = {
+        (row["source"], row["stimulus"], row["afferent"]): float(row["rate_ips"]) for row in rows
+    }
+    assert len(found) == len(rows)
+    expected = {("TouchSim", one.stimulus, one.afferent): one.rate_ips for one in touchsim_rates()}
+    for name, simulation in study.simulations.items():
+        expected |= {(name, r.stimulus, r.afferent): r.rate_ips for r in simulation.mean_rates}
+    expected |= {("observed", r.stimulus, r.afferent): r.rate_ips for r in study.observed.rates()}
+    assert found == expected
+
+
+def test_the_record_names_the_inputs_and_seals_the_files(report, study):
+    record = tomllib.loads((report / "validation.toml").read_text(encoding="utf-8"))
+    assert record["judged"] == "own"
+    assert record["reference"] == "observed"
+    assert record["models"]["own"]["parameters"]["RA"]["tau_ms"] == 40.0
+    assert record["observed"]["sha256"] == study.observed.sha256
+    assert record["observed"]["file"] == "rates.csv"
+    assert record["response"]["finger"]["name"] == "quick"
+    beside = {path.name for path in report.iterdir()} - {"validation.toml"}
+    assert set(record["files"]) == beside
+    for name, digest in record["files"].items():
+        assert hashlib.sha256((report / name).read_bytes()).hexdigest() == digest
+
+
+def regression(study):
+    family = FAMILIES[2]
+    reference = study.rates.reference(family.stimuli)
+    return regression_figure(study.rates, study.agreement, family, reference, "own")
+
+
+def raster(study):
+    """The model's spikes, and the first train of each stimulus again as a recorded one."""
+    simulation = study.simulations["own"]
+    strongest = next(one for one in simulation.stimuli if one.id == RASTER_STIMULI[-1])
+    trains = repeated_trains(simulation)
+    return rasters_figure(trains, strongest, trains[::5])
+
+
+@pytest.mark.parametrize("figure_of", [regression, raster])
+def test_no_words_overlap_none_leave_the_page_and_all_can_be_read(study, figure_of, check_words):
+    check_words(figure_of(study), LEAST_PT)
+
+
+def test_the_dashed_line_is_the_regression_and_the_grey_one_is_equality(study):
+    figure = regression_figure(study.rates, study.agreement, SINES, OBSERVED, "own")
+    sources = study.rates.compared(OBSERVED)
+    assert sources[-1] == TOUCHSIM
+    panels = np.array(figure.axes).reshape(len(sources), len(AFFERENTS))
+    for row, source in zip(panels, sources, strict=True):
+        for panel, afferent in zip(row, AFFERENTS, strict=True):
+            observed = study.rates.of(OBSERVED, afferent, SINES.stimuli)
+            predicted = study.rates.of(source, afferent, SINES.stimuli)
+            line = next(one for one in panel.lines if one.get_linestyle() == "--")
+            slope, intercept = np.polyfit(observed, predicted, 1)
+            assert_allclose(line.get_ydata(), slope * line.get_xdata() + intercept, atol=1e-9)
+            assert panel.get_xlim() == panel.get_ylim()
+
+
+def test_recorded_spikes_have_rows_of_their_own_below_the_model_s(study):
+    first, *_ = raster(study).axes[3:]
+    names = [label.get_text() for label in first.get_yticklabels()]
+    assert names == [word for one in RASTER_STIMULI for word in (one, f"{one}, observed")]

@@ -12,14 +12,12 @@ from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
 from pandas import DataFrame
 
-from decks.finger import Material
 from fembridge.cli import outputs_of
 from fembridge.commands import verify as command
 from fembridge.errors import MissingError, UsageError
 from fembridge.report import pressed_finger
 from fembridge.report import verify as module
 from fembridge.report.map_and_transient import Compared, finding_of
-from fembridge.report.plane import PlaneProblem
 from fembridge.report.study import AT_LEAST, Check, Cost, Finding, Indented, Runs
 from fembridge.report.verify import STUDIES, studies_named, verify, write_report
 from fembridge.trace import StressTrace
@@ -64,9 +62,7 @@ def made(monkeypatch, small_finding):
     [
         (1.0, "at most", True),
         (1.1, "at most", False),
-        (1.0, AT_LEAST, True),
         (0.9, AT_LEAST, False),
-        (math.nan, "at most", False),
         (math.nan, AT_LEAST, False),
     ],
 )
@@ -223,45 +219,6 @@ def test_laws_that_part_in_proportion_to_depth_are_one_at_rest(monkeypatch, tmp_
     assert_allclose(found.tables["laws"].force_percent, [1, 2, 4, 6, 8])
     page = module.page_text({"laws": found}, VERSIONS, quick=True)
     assert "SA from 300 µm on; RA from 150 µm on; PC from 100 µm on." in " ".join(page.split())
-
-
-def problem(**changes):
-    return PlaneProblem(
-        **{
-            "kind": "CPE4",
-            "node_mm": np.array([[0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1.0]]),
-            "element": np.array([[0, 1, 4, 3], [1, 2, 5, 4]]),
-            "materials": (Material(1.0, 0.3), Material(2.0, 0.25)),
-            "element_material": np.array([0, 1]),
-            "moved": np.array([0, 5]),
-            "moved_mm": np.array([[0.0, np.nan], [0.25, -0.5]]),
-            **changes,
-        }
-    )
-
-
-def cards(text, keyword):
-    """Data lines, split, of each card of this name."""
-    found = []
-    for line in text.splitlines():
-        if line.startswith("*"):
-            found.append((line[1:].split(",")[0], []))
-        else:
-            found[-1][1].append([word.strip() for word in line.split(",")])
-    return [rows for name, rows in found if name == keyword]
-
-
-def test_a_deck_prescribes_what_is_given_and_leaves_the_rest_free():
-    text = problem().deck()
-    [boundary] = cards(text, "BOUNDARY")
-    assert [list(map(float, row)) for row in boundary] == [
-        [1, 1, 1, 0.0],
-        [6, 1, 1, 0.25],
-        [6, 2, 2, -0.5],
-    ]
-    assert cards(text, "ELASTIC") == [[["1.0", "0.3"]], [["2.0", "0.25"]]]
-    elements = [row for card in cards(text, "ELEMENT") for row in card]
-    assert [list(map(int, row)) for row in elements] == [[1, 1, 2, 5, 4], [2, 2, 3, 6, 5]]
 
 
 @pytest.fixture

@@ -64,13 +64,12 @@ def model():
 
 
 class Player:
-    """Stands for `run_ccx`: one play a contact model, by its number."""
+    """Stands for `run_ccx`: one play a contact model, by its number; `smooth` are its twins."""
 
     def __init__(self):
         self.plays = {}
         self.numbers = []
         self.smooth = []
-        self.settings = []
 
     def __call__(self, run, settings=None, halt=None):
         folder = run.folder
@@ -79,7 +78,6 @@ class Player:
             return self.solve(folder)
         number = int(folder.name.removeprefix("contact_"))
         self.numbers.append(number)
-        self.settings.append(settings)
         play = self.plays.get(number, "solve")
         if isinstance(play, Cause):
             return Outcome(folder, Failure(play, "increment 3"))

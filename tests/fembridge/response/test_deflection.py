@@ -37,7 +37,6 @@ from fembridge.solver.settings import SolverSettings
 MESHES = stored_deflections()
 STORED = {mesh.name: mesh for mesh in MESHES}
 NODE_MM = np.array([0.0, 0.1, 0.4, 1.0, 2.5, 6.0])
-ONE_THREAD = SolverSettings(threads=1)
 
 
 def profile(**changes):
@@ -107,7 +106,6 @@ def test_three_meshes_give_limit_and_order_of_a_power_law(limit, factor, order, 
     "values",
     [
         pytest.param([1.0, 1.2, 1.1], id="from both sides"),
-        pytest.param([1.0, 1.0, 1.0], id="no change"),
         pytest.param([1.0, 1.1, 1.5], id="ever faster"),
         pytest.param([1.0, 1.1, np.nan], id="no number"),
     ],
@@ -141,10 +139,8 @@ FORCE = np.linspace(0.0, 0.035, 41) ** 1.1
     ("apex_mm", "force", "found"),
     [
         (0.999, np.zeros(41), "0 N/mm"),
-        (0.999, -FORCE, "-0.0"),
         (0.999, np.where(np.arange(41) == 7, np.nan, FORCE), "0.025"),
         (0.0, FORCE, "moved 0 mm"),
-        (0.94, FORCE, "moved 0.94 mm"),
         (1.03, FORCE, "moved 1.03 mm"),
         (np.nan, FORCE, "moved nan mm"),
         (0.999, np.where(np.arange(41) == 30, 0.0, FORCE), "fell by"),
@@ -216,9 +212,6 @@ def test_the_uncertainty_covers_both_limits():
         assert abs(first / last - 1) <= 0.005
 
 
-PNG = b"\x89PNG\r\n\x1a\n"
-
-
 @pytest.fixture
 def call(tmp_path):
     """Run the verb with words, into a folder ``out``; give its summary."""
@@ -248,14 +241,14 @@ def test_without_options_all_stored_meshes_are_written_and_drawn(call, tmp_path)
         assert_array_equal(distance_mm, mesh.distance_mm)
         assert_array_equal(deflection_mm, mesh.deflection_mm)
     assert len(rows) == sum(m.distance_mm.size for m in MESHES)
-    assert (tmp_path / "out" / "deflection.png").read_bytes().startswith(PNG)
+    assert (tmp_path / "out" / "deflection.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.slow
 @pytest.mark.solver
 def test_the_coarsest_mesh_gives_again_what_is_stored(tmp_path):
     press = press_of(QUICK)
-    solved = solve_deflection(tmp_path, press, settings=ONE_THREAD)
+    solved = solve_deflection(tmp_path, press, settings=SolverSettings(threads=1))
     stored = stored_deflection("quick")
     assert solved.origin["deck_sha256"] == stored.origin["deck_sha256"]
     assert_allclose(solved.deflection_mm, stored.deflection_mm, rtol=0, atol=1e-4)
@@ -264,7 +257,7 @@ def test_the_coarsest_mesh_gives_again_what_is_stored(tmp_path):
     assert_allclose(written.deflection_mm, solved.deflection_mm, rtol=0, atol=0)
 
     before = (tmp_path / "job.frd").stat().st_mtime_ns
-    again = solve_deflection(tmp_path, press, settings=ONE_THREAD)
+    again = solve_deflection(tmp_path, press, settings=SolverSettings(threads=1))
     assert (tmp_path / "job.frd").stat().st_mtime_ns == before
     assert_allclose(again.deflection_mm, solved.deflection_mm, rtol=0, atol=0)
 
@@ -311,6 +304,6 @@ def test_on_the_mesh_as_it_is_stored_the_probe_slips_and_the_run_is_refused(tmp_
     press = press_of(QUICK, mesh_of(QUICK))
     write_profile(tmp_path / PROFILE_FILE, stored_deflection("quick"))  # of before
     with pytest.raises(ResponseError, match="slipped between its nodes"):
-        solve_deflection(tmp_path, press, settings=ONE_THREAD)
+        solve_deflection(tmp_path, press, settings=SolverSettings(threads=1))
     assert (tmp_path / "solver.toml").is_file()
     assert not (tmp_path / PROFILE_FILE).exists()

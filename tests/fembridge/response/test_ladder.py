@@ -141,19 +141,12 @@ def relaxing(model, *layers):
     return replace(model, finger=replace(model.finger, materials=materials))
 
 
-def test_nothing_speaks_against_a_map_of_the_papers_model(model, sine):
+def test_skin_that_relaxes_inertia_and_a_slide_have_no_map_and_the_papers_model_has(model, sine):
     assert why_no_map(model, [sine]) is None
-    assert model.at_once().finger is model.finger
-
-
-def test_skin_that_relaxes_is_named(model, sine):
-    one = why_no_map(relaxing(model, "dermis"), [sine])
-    assert one.startswith("dermis relaxes: stress depends on time")
-    two = why_no_map(relaxing(model, "epidermis", "dermis"), [sine])
-    assert two.startswith("epidermis, dermis relax:")
-
-
-def test_inertia_and_a_slide_are_said(model, sine):
-    assert why_no_map(replace(model, inertia=True), [sine]).startswith("inertia")
-    slid = why_no_map(model, [sine, sine.sliding(5.0)])
-    assert slid.startswith("sine_20_250_slide_5: the probe slides")
+    for made, waves, reason in (
+        (relaxing(model, "dermis"), [sine], "dermis relaxes: stress depends on time"),
+        (relaxing(model, "epidermis", "dermis"), [sine], "epidermis, dermis relax:"),
+        (replace(model, inertia=True), [sine], "inertia"),
+        (model, [sine, sine.sliding(5.0)], "sine_20_250_slide_5: the probe slides"),
+    ):
+        assert why_no_map(made, waves).startswith(reason)

@@ -1,9 +1,10 @@
-"""The response map: its curves, what drives read of it, those that are stored; its file."""
+"""The response map: its curves, those that are stored, its file; and against whole transients."""
 
 import dataclasses
 import hashlib
 import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,15 +15,20 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.interpolate import PchipInterpolator
 
 from decks.finger import TABLE_1
-from decks.presets import QUICK, finger_from
+from decks.presets import PRESETS, QUICK, finger_from, model_of
 from decks.probe import Probe
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
+from fembridge.build import build_run_folder
 from fembridge.errors import ResponseError
+from fembridge.response.indentation import solve_response
 from fembridge.response.response_map import FOLDER, MAP_FILE, read_map, stored_response, write_map
+from fembridge.results import read
 from fembridge.results.stress import energy_stress_pa
+from fembridge.run_folder import read_run_folder, read_waveform
+from fembridge.solver.ccx import run_ccx
 from fembridge.stimulus import Stimulus
-from neural import PUBLISHED
+from neural import PUBLISHED, encode
 from neural.models import model_named
 
 
@@ -48,7 +54,7 @@ def test_a_component_is_the_pchip_of_its_own_levels(made_map, depth_um):
             assert_allclose(found[column, k], curve(depth_um), rtol=1e-12, atol=1e-9)
 
 
-@pytest.mark.parametrize("depth_um", [300.001, 301.0, 5e5])
+@pytest.mark.parametrize("depth_um", [300.001, 5e5])
 def test_a_stimulus_that_goes_too_deep_is_refused_with_both_depths(made_map, depth_um):
     with pytest.raises(ResponseError) as caught:
         made_map().traces(stimulus_of([0.0, depth_um, 0.0]))
@@ -57,12 +63,9 @@ def test_a_stimulus_that_goes_too_deep_is_refused_with_both_depths(made_map, dep
 
 BAD = [
     {"depth_um": np.arange(7.0)},
-    {"force_n_per_mm": np.zeros(3)},
-    {"tensor_pa": np.zeros((8, 2, 4))},
     {"tensor_pa": np.zeros((8, 3, 6))},
     {"depth_um": np.arange(8.0) + 1},
     {"depth_um": np.array([0.0, 1, 2, 2, 3, 4, 5, 6])},
-    {"depth_um": np.full(8, np.nan)},
     {"tensor_pa": np.full((8, 2, 6), np.inf)},
 ]
 
@@ -105,14 +108,7 @@ def test_an_energy_without_its_material_is_refused_and_a_plain_stress_is_not(ori
     [
         (QUICK, Probe(diameter_mm=2.0), "CPE4", "diameter_mm 1.0, asked for is 2.0"),
         (QUICK, Probe("flat"), "CPE4", "shape 'cylinder', asked for is 'flat'"),
-        (QUICK, Probe(x_mm=0.5), "CPE4", "x_mm 0.0, asked for is 0.5"),
         (QUICK, Probe(), "CPE8R", "has 'CPE4', asked for is 'CPE8R'"),
-        (
-            finger_from({"materials": {"dermis": {"young_mpa": 0.5}}}, "quick"),
-            Probe(),
-            "CPE4",
-            "materials.dermis.young_mpa 0.05, asked for is 0.5",
-        ),
         (
             finger_from({"afferents": {"SA": {"depth_mm": 0.61}}}, "quick"),
             Probe(),
@@ -159,7 +155,7 @@ def test_every_edited_digit_is_found(path):
     read_map(path)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.999])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])
 def test_a_file_cut_anywhere_is_refused(path, share):
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
@@ -189,3 +185,55 @@ def test_a_sealed_file_that_holds_no_map_is_refused(path, key, value):
     path.write_text(f'sha256 = "{digest}"\n{body}', encoding="utf-8")
     with pytest.raises(ResponseError, match=f"^{path}: "):
         read_map(path)
+
+
+FIXTURES = Path(__file__).parents[3] / "fixtures"
+
+# DESIGN of the test: a map's trace lies within this share of its own peak.
+TRACE_SHARE = 0.002
+
+
+def assert_same_neurons(by_map, by_transient):
+    """Stress within 0.2 % of its peak, and the very same spikes."""
+    assert [t.afferent for t in by_map] == [t.afferent for t in by_transient]
+    for mapped, solved in zip(by_map, by_transient, strict=True):
+        assert mapped.node == solved.node
+        peak_pa = solved.stress_pa.max()
+        off_pa = np.abs(mapped.stress_pa - solved.stress_pa).max()
+        assert off_pa <= TRACE_SHARE * peak_pa, (mapped.afferent, off_pa / peak_pa)
+        spikes = [
+            encode(trace.stress_pa, trace.dt_ms, PUBLISHED[trace.afferent])[0]
+            for trace in (mapped, solved)
+        ]
+        np.testing.assert_array_equal(*spikes)
+
+
+@pytest.mark.parametrize("name", ["transient_sine", "transient_sine_ascii"])
+def test_the_stored_map_answers_a_recorded_transient_as_the_solver_did(name):
+    folder = FIXTURES / name
+    times_ms, displacement_um = read_waveform(folder)
+    stimulus = Stimulus(name, displacement_um, 0.5, (0.0, float(times_ms[-1])))
+    recorded = read(folder)
+    assert_same_neurons(read_map(FOLDER / "quick.toml").traces(stimulus), recorded)
+    for trace in recorded:  # else equal spikes would say nothing
+        assert encode(trace.stress_pa, trace.dt_ms, PUBLISHED[trace.afferent])[0].size
+
+
+@pytest.mark.slow
+@pytest.mark.solver
+def test_map_and_transient_agree_on_noise_solved_here(tmp_path):
+    """The first 20 ms of a noise; of a sine ``test_chain`` shows it."""
+    whole = make_stimulus(*resolve("noise_25_250_20"), preindent_um=60.0)
+    stimulus = dataclasses.replace(
+        whole, displacement_um=whole.displacement_um[:41], window_ms=(0.0, 20.0)
+    )
+    model = model_of(PRESETS["quick"])
+    _, solved = solve_response(tmp_path / "response", model)
+    folder = tmp_path / "transient"
+    build_run_folder(folder, model, stimulus)
+    run_ccx(read_run_folder(folder))
+
+    assert_same_neurons(solved.traces(stimulus), read(folder))
+    stored = stored_response(model.finger, model.probe, model.element)
+    np.testing.assert_allclose(solved.tensor_pa, stored.tensor_pa, rtol=1e-6, atol=1e-3)
+    assert read_run_folder(folder).start_ms > 0

@@ -1,4 +1,4 @@
-"""Run folders under a solver that plays each way a run can end, and who watches it."""
+"""Run folders under a solver that plays each way a run can end; who watches it, what it prints."""
 
 import importlib.metadata
 import threading
@@ -10,7 +10,7 @@ from fembridge.run_folder import read_run_folder
 from fembridge.solver import ccx
 from fembridge.solver.ccx import Watchdog, load_solver, run_ccx, run_folders
 from fembridge.solver.settings import SolverSettings
-from fembridge.solver.verdict import Cause
+from fembridge.solver.verdict import Cause, read_solver_log
 from fembridge.store import sha256_of
 
 ENDINGS = {
@@ -32,8 +32,8 @@ ENDINGS = {
 """What faults in a deck CalculiX itself shows is in ``test_real_calculix``."""
 
 
-def solve(folder, halt=None, **settings):
-    return run_ccx(read_run_folder(folder), SolverSettings(**settings), halt)
+def solve(folder, **settings):
+    return run_ccx(read_run_folder(folder), SolverSettings(**settings))
 
 
 def files_of(folder):
@@ -48,15 +48,8 @@ def test_an_accepted_run_leaves_its_results_and_their_record(fake_ccx, make_run)
     assert outcome.accepted
     assert (outcome.increments, outcome.iterations) == (4, 8)
     assert (outcome.exit_code, outcome.version) == (0, "2.20")
-    assert files_of(folder) == {
-        "job.inp",
-        "run.toml",
-        "job.frd",
-        "job.sta",
-        "job.cvg",
-        "solver.log",
-        "solver.toml",
-    }
+    results = {"job.frd", "job.sta", "job.cvg", "solver.log", "solver.toml"}
+    assert files_of(folder) == {"job.inp", "run.toml", *results}
     assert sha256_of(folder / "job.frd") in (folder / "solver.toml").read_text()
 
 
@@ -338,3 +331,43 @@ def test_the_time_limit_counts_though_files_grow(watch):
 def test_a_limit_that_is_not_positive_is_misuse(name, limit):
     with pytest.raises(UsageError, match=name):
         SolverSettings(**{name: limit})
+
+
+HEAD = """
+************************************************************
+
+CalculiX Version 2.20, Copyright(C) 1998-2022 Guido Dhondt
+"""
+
+
+@pytest.fixture
+def read(file):
+    return lambda text: read_solver_log(file("solver.log", HEAD + text))
+
+
+@pytest.mark.parametrize(
+    "warning",
+    [
+        "in modaldynamics: parameter not recognized:\n          FOO=3",
+        "reading *NODE PRINT: node set NOPE does not exist",
+        "in calinput: PEEQ-output requested\n         yet no (visco)plastic analysis",
+        "reading *STATIC: unknown solver;\n           the default solver is used",
+    ],
+)
+def test_a_warning_that_leaves_something_out_is_seen(read, warning):
+    assert len(read(f" *WARNING {warning}\n\n").dropped) == 1
+
+
+def test_a_thousand_warnings_do_not_hide_the_error_after_them(read):
+    many = "".join(f" *WARNING: parameter not recognized: P{n}\n" for n in range(1000))
+    assert [e.text for e in read(many + " *ERROR in here: no\n").errors] == ["in here: no"]
+
+
+def test_a_message_ends_at_the_blank_line_and_a_summary_counts_only_when_it_is_alone(read):
+    log = read(" *ERROR: seems to diverge; try \n automatic incrementation\n\n something else\n")
+    assert [str(error) for error in log.errors] == [
+        "seems to diverge; try automatic incrementation"
+    ]
+    summary = " *ERROR in calinput: at least one fatal\n    error message\n\n"
+    assert len(read(summary).errors) == 1
+    assert [str(e) for e in read(" *ERROR in x: y\n\n" + summary).errors] == ["in x: y"]

@@ -30,8 +30,8 @@ ENDINGS = {
 MANY = {"end_s": 1000.0}
 
 
-def solve(folder, halt=None, **settings):
-    return run_ccx(read_run_folder(folder), SolverSettings(**settings), halt)
+def solve(folder, **settings):
+    return run_ccx(read_run_folder(folder), SolverSettings(**settings))
 
 
 def test_a_good_deck_is_accepted(make_run, patch):
@@ -42,16 +42,8 @@ def test_a_good_deck_is_accepted(make_run, patch):
     assert (outcome.increments, outcome.exit_code) == (4, 0)
     assert outcome.version
     assert outcome.iterations >= 4
-    assert {path.name for path in folder.iterdir()} == {
-        "job.inp",
-        "run.toml",
-        "job.12d",
-        "job.cvg",
-        "job.frd",
-        "job.sta",
-        "solver.log",
-        "solver.toml",
-    }
+    results = {"job.12d", "job.cvg", "job.frd", "job.sta", "solver.log", "solver.toml"}
+    assert {path.name for path in folder.iterdir()} == {"job.inp", "run.toml", *results}
 
 
 def test_a_deck_finds_the_files_it_includes(make_run, patch):
@@ -89,9 +81,7 @@ def test_a_file_that_cannot_grow_is_a_full_disk(make_run, patch, tmp_path, monke
 
 def test_a_long_run_is_stopped_by_its_limit(make_run, patch):
     folder = make_run(deck=patch(**MANY), increments=2_000_000)
-
     outcome = solve(folder, time_limit_s=0.5)
-
     assert outcome.failure.cause is Cause.TIME_LIMIT
     assert not (folder / "job.frd").exists()
 

@@ -32,31 +32,6 @@ def finished(sweep):
     return code, out, err
 
 
-@pytest.mark.slow
-def test_a_finger_that_the_solver_refuses_fails_alone_and_is_tried_again(
-    dermis_study, tmp_path, command, capsys, monkeypatch, ledger
-):
-    monkeypatch.setenv("REPLAY_REFUSES", "\n0.045,")
-    path = dermis_study(2, "preindent_um = [0, 75]")
-
-    assert command(path, "-o", tmp_path / "out", "--jobs", "2") == 1
-
-    rows = table_of(tmp_path / "out")
-    bad = [row for row in rows if row["status"] == "failed"]
-    assert len(rows) == 12
-    assert {row["materials.dermis.young_mpa"] for row in bad} == {"0.045"}
-    assert len(bad) == 6
-    assert all("CalculiX refused the deck" in row["cause"] for row in bad)
-    err = capsys.readouterr().err.splitlines()
-    assert err[-1].startswith("fembridge: 2 of 4 items failed, first quick materials.")
-    assert sum(line.startswith("failed: ") for line in err) == 2
-
-    monkeypatch.delenv("REPLAY_REFUSES")
-    again = run_sweep(path, tmp_path / "out", jobs=1)
-    assert (again.before, again.failed) == (2, ())
-    assert len(begun(ledger)) == 3
-
-
 def test_after_kill_9_of_the_sweep_only_the_unfinished_is_done(
     dermis_study, tmp_path, ledger, gate, start_sweep, wait_until, is_alive
 ):

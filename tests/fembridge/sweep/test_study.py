@@ -88,7 +88,6 @@ def test_lists_of_a_probe_multiply_and_a_flat_one_gets_its_fillet(study_file):
 NO_STUDY = (
     ("stimulus = ['sine_20_250']", "'stimulus'.*stimuli"),
     ("methods = ['map']", "stimuli"),
-    ("stimuli = []", "stimuli"),
     ("stimuli = ['../../etc/passwd']", "stimuli: .*'../../etc/passwd'"),
     ("stimuli = ", "study.toml"),
     ("stimuli = 'sine_20_250'\n" + "a = " + "[" * 5000, "study.toml"),
@@ -96,17 +95,13 @@ NO_STUDY = (
 
 NOT_BESIDE_A_STIMULUS = (
     ("methods = ['maps']", "methods: .*'maps'"),
-    ("methods = ['map', 'map']", "methods: map"),
     ("preindent_um = -1", "preindent_um: .*-1.0"),
     ("element = 'CPE5'", "element: 'CPE5'"),
-    ("parameters = '../p.toml'", "parameters: '../p.toml'"),
     ("parameters = 'publish'", "parameters: .*publish"),
     ("fingers = []", "fingers"),
     ("fingers = ['absent.toml']", "fingers 1: .*absent.toml"),
     ("fingers = [{grids = {}}]", "fingers 1: .*'grids'"),
-    ("fingers = [{grid = {skin.dermis_mm = []}}]", "skin.dermis_mm"),
     ("fingers = [{rows = [{}], grid = {}}]", "grid and rows"),
-    ("fingers = [{rows = [{skin.dermis_mm = -1}]}]", "fingers 1: skin.dermis_mm = -1"),
     ("fingers = [{rows = [{}, {skin.dermis_mm = nan}]}]", "fingers 1: 2: skin.dermis_mm: nan"),
     ("fingers = [{grid.skin.dermis = [1.0]}]", "'dermis'.*dermis_mm"),
     ("fingers = [{grid.skin.dermis_mm = [1.0, 1.0]}]", "fingers 1: 1: skin.dermis_mm"),
@@ -146,7 +141,6 @@ def test_what_a_study_must_not_hold_is_one_line_with_file_and_key(text, found, s
     [
         ("fingers", [f"skin.key_{k}" for k in range(10)], 400**10),
         ("probes", ["diameter_mm", "x_mm"], 160_000),
-        ("contacts", ["friction", "stick_share"], 160_000),
     ],
 )
 def test_a_product_without_measure_is_refused_by_its_number_before_it_is_made(part, keys, count):
@@ -230,11 +224,8 @@ def test_an_afferent_whose_depth_is_varied_stays_at_that_depth(tmp_path):
         ({"design": "one-at-a-time"}, "design.*ranges"),
         ({"design": "one-at-a-time", "ranges": RANGES, "samples": 4}, "samples"),
         ({"design": "latin-hypercube", "ranges": RANGES}, "samples: 0"),
-        ({"design": "latin-hypercube", "ranges": RANGES, "samples": 5.5}, "samples: 5.5"),
-        ({"design": "latin-hypercube", "ranges": RANGES, "samples": 5, "seed": -1}, "seed: -1"),
         ({"design": "latin-hypercube", "ranges": RANGES, "samples": 9_000}, "108000 points"),
         ({"design": "one-at-a-time", "ranges": {"skin.colour": [1, 2]}}, "skin.colour"),
-        ({"design": "one-at-a-time", "ranges": {"contact.frction": [0, 1]}}, "contact.frction"),
         ({"design": "one-at-a-time", "ranges": {"skin.dermis_mm": [1, 2.5]}}, "dermis_mm=2.5"),
         (
             {

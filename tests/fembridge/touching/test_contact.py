@@ -67,6 +67,14 @@ def test_a_sphere_on_a_half_space_is_hertz():
     assert_allclose(largest, 2 * modulus / np.pi * (depth / radius) ** 0.5, rtol=0.02)
 
 
+def under(shape, within_mm):
+    """Nodes of the skin so near below a shape that just touches, and their gaps."""
+    nodes = skin_nodes(PAD)
+    gap = gaps_mm(nodes, shape)
+    near = gap < gap.min() + within_mm
+    return nodes.subset(near), gap[near] - gap.min()
+
+
 @pytest.mark.parametrize(
     "shape",
     [
@@ -79,10 +87,7 @@ def test_a_sphere_on_a_half_space_is_hertz():
     ids=lambda shape: shape.name,
 )
 def test_nothing_pulls_and_nothing_is_inside_the_shape(shape):
-    nodes = skin_nodes(PAD)
-    gap = gaps_mm(nodes, shape)
-    near = gap < gap.min() + 0.3
-    nodes, gap = nodes.subset(near), gap[near] - gap.min()
+    nodes, gap = under(shape, 0.3)
     contact = Contact.of(nodes)
     matrix = nodes.compliance()
     for depth in (0.1, 0.3, 0.2):
@@ -94,10 +99,7 @@ def test_nothing_pulls_and_nothing_is_inside_the_shape(shape):
 
 
 def test_a_force_presses_to_the_depth_that_gives_it():
-    nodes = skin_nodes(PAD)
-    gap = gaps_mm(nodes, Shape.sphere(6.0))
-    near = gap < gap.min() + 0.5
-    nodes, gap = nodes.subset(near), gap[near] - gap.min()
+    nodes, gap = under(Shape.sphere(6.0), 0.5)
     by_depth = Contact.of(nodes).press(0.4 - gap)
     by_force, depth = Contact.of(nodes).press_with(gap, float(by_depth.sum()))
     assert_allclose(depth, 0.4, rtol=1e-9)
@@ -105,10 +107,7 @@ def test_a_force_presses_to_the_depth_that_gives_it():
 
 
 def test_drag_towards_one_side_moves_the_force_there_and_mirrors():
-    nodes = skin_nodes(PAD)
-    gap = gaps_mm(nodes, Shape.punch(2.0))
-    near = gap < gap.min() + 0.2
-    nodes, gap = nodes.subset(near), gap[near] - gap.min()
+    nodes, gap = under(Shape.punch(2.0), 0.2)
     forward, back = (Contact.of(nodes, (0.0, drag)).press(0.2 - gap) for drag in (0.4, -0.4))
     assert_allclose(forward.sum(), back.sum(), rtol=1e-9)
     assert_allclose((forward * nodes.z_mm).sum(), -(back * nodes.z_mm).sum(), rtol=1e-6)

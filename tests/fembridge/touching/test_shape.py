@@ -66,7 +66,6 @@ def test_a_table_of_heights_may_have_holes(tmp_path):
     ("name", "content", "named"),
     [
         ("a.csv", "0.1,0.2\n0.1,high\n", "a.csv:2"),
-        ("a.csv", "0.1,0.2\n0.1\n", "a.csv:2"),
         ("a.csv", "0.1\n", "a.csv"),
         ("a.png", "no picture", "a.png"),
     ],
