@@ -1,8 +1,8 @@
 """Plays CalculiX with the recorded indentation of `quick` for every deck.
 
 ``REPLAYED`` is the folder of the recording. It keeps a ledger, ``REPLAY_LEDGER``: a line when
-it begins and a line when it has solved. It refuses a deck with the text ``REPLAY_REFUSES``,
-waits for the file ``REPLAY_GATE``, and cuts its result of the suffix ``REPLAY_CUT`` in half.
+it begins and a line when it has solved. It waits for the file ``REPLAY_GATE``, and cuts its
+result of the suffix ``REPLAY_CUT`` in half.
 """
 
 import os
@@ -28,9 +28,6 @@ job = sys.argv[2]
 deck = Path(f"{job}.inp").read_text()
 print("CalculiX Version 2.20, Copyright(C) 1998-2022 Guido Dhondt", flush=True)
 note("begin")
-if os.environ.get("REPLAY_REFUSES", "no such text") in deck:
-    print(" *ERROR reading *ELASTIC: the moon is full\n")
-    sys.exit(201)
 gate = os.environ.get("REPLAY_GATE")
 while gate and not Path(gate).exists():
     time.sleep(0.02)

@@ -1,6 +1,7 @@
-"""What tests of pictures share, of commands that are refused, of a run that is read."""
+"""What tests of pictures, sweeps, commands that are refused, and of a run that is read share."""
 
 import shutil
+from concurrent.futures import Executor, Future
 from pathlib import Path
 
 import numpy as np
@@ -97,3 +98,25 @@ def check_words(words_of):
         assert not over.size, [(shown[a], shown[b]) for a, b in over[:5]]
 
     return check
+
+
+class Here(Executor):
+    """Does each task in this process, at once; `done` are their names."""
+
+    done: tuple = ()
+
+    def __init__(self, jobs, on_message):
+        Here.done = []
+
+    def submit(self, function, task, *args, **options):
+        Here.done.append(str(task))
+        future = Future()
+        future.set_result(function(task, *args, **options))
+        return future
+
+
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """A sweep starts no process."""
+    monkeypatch.setattr("fembridge.sweeps.sweep.LocalExecutor", Here)
+    return Here

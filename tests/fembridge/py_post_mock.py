@@ -7,7 +7,7 @@ that is absent. Element values are those of integration points, extrapolated to 
 nodes by the method that ``extrapolation`` set. The "post file" is JSON:
 
     {"nodes": [[id, x, y]], "elements": [[id, type, [nodes]]],
-     "sets": [[name, kind, [members]]], "shuffled": {"position": [[id, type, nodes]]},
+     "sets": [[name, kind, [members]]],
      "positions": [{"increment": n, "time": s,
                     "scalars": {label: [[value a point] an element]},
                     "tensors": {label: [[[six] a point] an element]}}]}
@@ -46,8 +46,7 @@ class _Post:
         self._row = self._model["positions"][position - 1] if position else None
         self.increment = self._row["increment"] if position else -1
         self.time = self._row["time"] if position else 0.0
-        shuffled = self._model.get("shuffled", {})
-        self._elements = shuffled.get(str(position), self._model["elements"])
+        self._elements = self._model["elements"]
 
     def extrapolation(self, method):
         if method not in ("linear", "translate", "average"):

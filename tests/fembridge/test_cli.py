@@ -1,7 +1,8 @@
-"""The command line: exit codes, and what goes to which stream."""
+"""The command line: exit codes, what goes to which stream, and errors on their way there."""
 
 import json
 import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -11,23 +12,26 @@ import numpy as np
 import pytest
 
 import fembridge
-from fembridge import cli
-from fembridge.errors import ResultError, StimulusError
+from fembridge import cli, errors
+from fembridge.errors import FembridgeError, ResultError, StimulusError, UsageError
 
 ROOT = Path(fembridge.__file__).parents[1]
 
 
-def in_a_process(*words, MPLBACKEND="", **options):  # noqa: N803 - as it is called
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    if MPLBACKEND:
-        environment["MPLBACKEND"] = MPLBACKEND
+PYTHON = f'"{sys.executable}" -P -m fembridge.cli'
+
+
+def in_a_shell(words, before="", stdout=subprocess.PIPE, **environment):
+    """Run the command in a process of its own, after what the shell does `before`."""
     return subprocess.run(
-        [sys.executable, "-m", "fembridge.cli", *words],
-        env=environment,
+        ["sh", "-c", f"{before} exec {PYTHON} {words}"],
+        env=os.environ | {"PYTHONPATH": str(ROOT)} | environment,
+        stdout=stdout,
+        stderr=subprocess.PIPE,
         text=True,
+        encoding="utf-8",
         check=False,
         timeout=60,
-        **options,
     )
 
 
@@ -228,18 +232,6 @@ def test_an_error_that_is_not_ours_keeps_its_traceback(verb, error):
         cli.main(["try"])
 
 
-@pytest.mark.parametrize(("words", "unbuffered"), [(["stimuli"], ""), (["--help"], "1")])
-def test_output_that_nobody_reads_ends_quietly(words, unbuffered, monkeypatch):
-    monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
-    reader, writer = os.pipe()
-    os.close(reader)
-    try:
-        done = in_a_process(*words, stdout=writer, stderr=subprocess.PIPE)
-    finally:
-        os.close(writer)
-    assert (done.returncode, done.stderr) == (0, "")
-
-
 def test_json_is_alone_and_strict_whatever_the_summary_holds(verb, capsys):
     summary = {
         "rate_ips": float("nan"),
@@ -271,23 +263,12 @@ def test_options_are_not_guessed_from_their_beginnings(capsys):
     assert cli.main(["--vers"]) == 2
 
 
-def _in_a_shell(words, **environment):
-    return subprocess.run(
-        ["sh", "-c", f'"{sys.executable}" -m fembridge.cli {words}'],
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        encoding="utf-8",
-        check=False,
-    )
-
-
 @pytest.mark.parametrize(
     ("output", "problem"),
     [("> /dev/full", "No space left on device"), ("1< /dev/null", "Bad file descriptor")],
 )
 def test_output_that_cannot_be_written_is_one_line(output, problem):
-    ran = _in_a_shell(f"stimuli {output}")
+    ran = in_a_shell(f"stimuli {output}")
     assert ran.returncode == 1
     assert ran.stderr == f"fembridge: cannot print: {problem}\n"
 
@@ -295,7 +276,7 @@ def test_output_that_cannot_be_written_is_one_line(output, problem):
 def test_a_name_that_the_terminal_cannot_show_is_printed_nevertheless(tmp_path):
     path = tmp_path / "ä.csv"
     words = f'stimuli --export csv sine_20_250 -o "{path}"'
-    ran = _in_a_shell(words, PYTHONIOENCODING="ascii", LC_ALL="C.UTF-8")
+    ran = in_a_shell(words, PYTHONIOENCODING="ascii", LC_ALL="C.UTF-8")
     assert (ran.returncode, ran.stderr) == (0, "")
     assert ran.stdout == f"{path}\n".encode("ascii", "backslashreplace").decode()
     assert path.is_file()
@@ -303,26 +284,26 @@ def test_a_name_that_the_terminal_cannot_show_is_printed_nevertheless(tmp_path):
 
 def test_closed_standard_streams_keep_nothing_from_being_done(tmp_path):
     words = f'stimuli --export csv sine_20_250 -o "{tmp_path / "a.csv"}" <&- >&- 2>&-'
-    ran = _in_a_shell(words)
+    ran = in_a_shell(words)
     assert ran.returncode == 0, ran.stderr
     lines = (tmp_path / "a.csv").read_text("utf-8").splitlines()
     assert (lines[0], len(lines)) == ("time_ms,displacement_um", 502)
 
 
+@pytest.mark.parametrize(("words", "unbuffered"), [("stimuli", ""), ("--help", "1")])
+def test_output_that_nobody_reads_ends_quietly(words, unbuffered):
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        ran = in_a_shell(words, stdout=writer, PYTHONUNBUFFERED=unbuffered)
+    finally:
+        os.close(writer)
+    assert (ran.returncode, ran.stderr) == (0, "")
+
+
 def test_a_folder_that_was_deleted_is_named_in_one_line(tmp_path):
-    gone = tmp_path / "gone"
-    gone.mkdir()
-    script = (
-        "import os, sys; gone, *words = sys.argv[1:]; os.chdir(gone); os.rmdir(gone); "
-        "os.execl(sys.executable, sys.executable, '-P', '-m', 'fembridge.cli', *words)"
-    )
-    ran = subprocess.run(
-        [sys.executable, "-c", script, gone, "stimuli", "--export", "csv", "sine_20_250"],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    before = f'mkdir "{tmp_path}/gone" && cd "{tmp_path}/gone" && rmdir "{tmp_path}/gone" &&'
+    ran = in_a_shell("stimuli --export csv sine_20_250", before)
     assert ran.returncode == 1, ran.stderr
     assert "the folder in which this was started is gone" in ran.stderr.splitlines()[-1]
     assert "Traceback" not in ran.stderr
@@ -331,19 +312,42 @@ def test_a_folder_that_was_deleted_is_named_in_one_line(tmp_path):
 @pytest.mark.parametrize(
     "words",
     [
-        pytest.param([*SIMULATE, "-o", "out"], marks=pytest.mark.slow),
-        pytest.param(["deflect", "-o", "out"], marks=pytest.mark.slow),
-        ["plot", "stimulus", "sine_20_250", "-o", "out/a.png"],
+        pytest.param(" ".join([*SIMULATE, "-o", "out"]), marks=pytest.mark.slow),
+        pytest.param("deflect -o out", marks=pytest.mark.slow),
+        "plot stimulus sine_20_250 -o out/a.png",
     ],
-    ids=lambda words: words[0],
 )
 def test_the_backend_of_a_notebook_is_no_reason_not_to_draw(tmp_path, words):
-    ran = in_a_process(
-        *words,
-        cwd=tmp_path,
-        MPLBACKEND="module://matplotlib_inline.backend_inline",
-        capture_output=True,
-    )
+    backend = "module://matplotlib_inline.backend_inline"
+    ran = in_a_shell(words, f'cd "{tmp_path}" &&', MPLBACKEND=backend)
     assert ran.returncode == 0, ran.stderr
     [picture] = (tmp_path / "out").glob("*.png")
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+CLASSES = {
+    name: thing
+    for name, thing in vars(errors).items()
+    if isinstance(thing, type) and issubclass(thing, FembridgeError)
+}
+PUBLIC = [thing for name, thing in CLASSES.items() if not name.startswith("_")]
+
+
+@pytest.mark.parametrize("error", PUBLIC, ids=lambda error: error.__name__)
+def test_an_error_survives_a_pickle(error):
+    path = Path("runs/job.frd")
+    wholes = {("not this",): "not this"}
+    if issubclass(error, errors._PlacedError):
+        wholes = {
+            ("cut short", path, None): f"{path}: cut short",
+            ("cut short", path, 12): f"{path}:12: cut short",
+        }
+    for words, shown in wholes.items():
+        again = pickle.loads(pickle.dumps(error(*words)))
+        assert (type(again), again.args, str(again)) == (error, words, shown)
+
+
+def test_misuse_is_2_and_all_else_is_1():
+    codes = {error: error.exit_code for error in PUBLIC}
+    assert {error for error, code in codes.items() if code == 2} == {UsageError, StimulusError}
+    assert set(codes.values()) == {1, 2}

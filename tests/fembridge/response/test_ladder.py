@@ -1,11 +1,14 @@
 """The ladder of contact models, skin that slips, and models that have no map."""
 
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from decks.finger import PronyTerm
+from decks.presets import PRESETS, model_of
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.errors import ResponseError, SolverError
@@ -14,13 +17,77 @@ from fembridge.response.indentation import (
     DEFAULT_DEPTH_UM,
     LADDER,
     FrictionSlipError,
+    HysteresisError,
     attempts_for,
     solve_response,
     why_no_map,
 )
 from fembridge.response.response_map import FOLDER, MAP_FILE, read_map
 from fembridge.run_folder import read_run_folder
-from fembridge.solver.verdict import Cause
+from fembridge.solver import ccx
+from fembridge.solver.verdict import Cause, Failure, Outcome
+
+RECORDED = Path(__file__).parents[3] / "fixtures" / "response_quick"
+
+
+@pytest.fixture(scope="module")
+def model():
+    return model_of(PRESETS["quick"])
+
+
+class Player:
+    """Stands for `run_ccx`: one play a contact model, by its number; `smooth` are its twins."""
+
+    def __init__(self):
+        self.plays = {}
+        self.numbers = []
+        self.smooth = []
+
+    def __call__(self, run, settings=None, halt=None):
+        folder = run.folder
+        if folder.name.startswith("frictionless_"):
+            self.smooth.append(folder)
+            return self.solve(folder)
+        number = int(folder.name.removeprefix("contact_"))
+        self.numbers.append(number)
+        play = self.plays.get(number, "solve")
+        if isinstance(play, Cause):
+            return Outcome(folder, Failure(play, "increment 3"))
+        return self.solve(folder)
+
+    def solve(self, folder):
+        run = read_run_folder(folder)
+        for name in ("job.frd", "job.dat"):
+            shutil.copy(RECORDED / name, folder)
+        outcome = Outcome(folder, version="2.20", exit_code=0, wall_s=12.3, increments=39)
+        ccx.write_record(folder, run.solver, outcome)
+        return outcome
+
+
+@pytest.fixture
+def player(monkeypatch):
+    player = Player()
+    monkeypatch.setattr(ccx, "run_ccx", player)
+    return player
+
+
+@pytest.fixture
+def path_dependent(monkeypatch):
+    """Have what was solved in folders of these names refused; frictionless twins are.
+
+    To have a twin accepted, take its name out.
+    """
+    names = {f"frictionless_{number}" for number in range(1, 10)}
+    measured = indentation.measured_response
+
+    def judge(run, stimulus):
+        if run.folder.name in names:
+            raise HysteresisError("unloading differs from loading by 17 %", 17.0)
+        return measured(run, stimulus)
+
+    monkeypatch.setattr(indentation, "measured_response", judge)
+    return names
+
 
 ATTEMPTS = attempts_for(DEFAULT_DEPTH_UM, LADDER)
 

@@ -1,6 +1,5 @@
 """Studies in files, and a sweep in this process or in one of its own."""
 
-from concurrent.futures import Executor, Future
 from functools import partial
 from pathlib import Path
 
@@ -8,7 +7,6 @@ import pytest
 
 from fembridge import cli
 from fembridge.machine import CCX_VARIABLE
-from fembridge.sweeps import sweep
 from fembridge.sweeps.work import solver_version
 
 
@@ -76,25 +74,9 @@ def start_sweep(begin):
     return lambda *words: begin("-m", "fembridge.cli", "sweep", *words)
 
 
-class Here(Executor):
-    """Does each task in this process, at once; `done` are their names."""
-
-    done: tuple = ()
-
-    def __init__(self, jobs, on_message):
-        Here.done = []
-
-    def submit(self, function, task, *args, **options):
-        Here.done.append(str(task))
-        future = Future()
-        future.set_result(function(task, *args, **options))
-        return future
-
-
 @pytest.fixture
-def here(monkeypatch):
+def here(monkeypatch, in_this_process):
     """No solver, no other process."""
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv(CCX_VARIABLE, raising=False)
-    monkeypatch.setattr(sweep, "LocalExecutor", Here)
-    return Here
+    return in_this_process

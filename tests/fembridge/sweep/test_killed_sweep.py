@@ -33,12 +33,12 @@ def finished(sweep):
 
 
 def test_after_kill_9_of_the_sweep_only_the_unfinished_is_done(
-    dermis_study, tmp_path, ledger, gate, start_sweep, wait_until, is_alive
+    dermis_study, tmp_path, ledger, gate, start_sweep, wait_until, is_alive, in_this_process
 ):
     path = dermis_study(3)
     gate.touch()
     wait_for = tmp_path / "out" / "runs"
-    sweep = start_sweep(path, "-o", tmp_path / "out", "--jobs", "2")
+    sweep = start_sweep(path, "-o", tmp_path / "out", "--jobs", "1")
     wait_until(lambda: len(list(wait_for.glob("*/item.toml"))) >= 1)
     gate.unlink()
     wait_until(
