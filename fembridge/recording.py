@@ -434,6 +434,8 @@ FORMATS: Mapping[str, tuple[str, Callable[[Recording, Path], None]]] = {
     "sonata": (".h5", Recording._write_sonata),
 }
 """Suffix and writer of each word of ``--export``."""
+EXPORTED = tuple(f"spikes{suffix}" for suffix, _ in FORMATS.values())
+"""Files of ``--export``."""
 _LIBRARIES = {"mat": "scipy", "nwb": "pynwb", "neo": "neo", "sonata": "h5py"}
 
 

@@ -39,7 +39,15 @@ def write_files(folder: Path, files: Mapping[str, Content]) -> None:
                 save_figure(content, draft / name)
 
 
-def written(folder: Path, files: Sequence[str]) -> dict[str, Any]:
-    """Name the `files` that were written into `folder`; the same for a summary."""
+def written(folder: Path, files: Sequence[str], others: Sequence[str] = ()) -> dict[str, Any]:
+    """Name the `files` that were written into `folder`; the same for a summary.
+
+    `others` are files that the verb may write: one that is there and not written now is kept, and
+    a line says that it is of an earlier run.
+    """
+    from fembridge.terminal import log
+
     print(f"{', '.join(files)}: {folder}")
+    if left := [name for name in others if name not in files and (folder / name).is_file()]:
+        log(f"{folder}: of an earlier run: {', '.join(left)}")
     return {"output": folder, "files": files}

@@ -91,7 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Encode and write; the summary holds the rate of each trace."""
     from fembridge.encoding import encode
-    from fembridge.recording import Recording, exports, require_libraries
+    from fembridge.recording import EXPORTED, Recording, exports, require_libraries
     from fembridge.tables import Rate, write_rates, write_spikes
     from neural import mean_rate_ips
     from neural.rates import spikes_inside
@@ -165,7 +165,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         rest="rates.csv",
     )
     return {
-        **written(args.output, list(files)),
+        **written(args.output, list(files), ["raster.png", *EXPORTED]),
         "parameters": encoded.parameters.name,
         "derivative": args.derivative,
         "rates": rows,

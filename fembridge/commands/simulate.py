@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Simulate; the summary holds the rates."""
     from decks.presets import finger_table, read_finger
     from fembridge.api import simulate
-    from fembridge.recording import Recording, exports, require_libraries
+    from fembridge.recording import EXPORTED, Recording, exports, require_libraries
     from fembridge.simulation import (
         RASTER_FILE,
         RATES_FILE,
@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     )
     files = [RATES_FILE, SPIKES_FILE, TRACES_FILE, *exported, *[RASTER_FILE] * (not args.no_plot)]
     return {
-        **written(args.output, files),
+        **written(args.output, files, EXPORTED),
         "method": simulation.origin["method"],
         "parameters": simulation.origin.get("parameter_set", ""),
         "notes": notes,

@@ -103,7 +103,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Touch; the summary holds the mean rate of each class."""
     from fembridge.plots.pad import PICTURES, check_movie, write_movie
     from fembridge.plots.style import save_figure
-    from fembridge.recording import Recording, exports, require_libraries
+    from fembridge.recording import EXPORTED, Recording, exports, require_libraries
     from fembridge.store import filling, remove_file
     from fembridge.touching.touch import TOUCH_FILE, touch
 
@@ -142,7 +142,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     unit = "N/mm" if result.solved.nodes.pad.plane else "N"
     print(f"{result.way.name}: up to {depth_um:.0f} um, {force_n:.3g} {unit}")
     return {
-        **written(args.output, files),
+        **written(args.output, files, EXPORTED),
         "way": result.way.name,
         "note": note or "",
         "depth_um": depth_um,

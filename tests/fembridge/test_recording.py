@@ -226,6 +226,8 @@ def test_each_verb_that_makes_spikes_exports_them(tmp_path, capsys):
     with np.load(tmp_path / "spikes.npz") as one, np.load(tmp_path / "e/spikes.npz") as other:
         assert_allclose(one["time_ms"], other["time_ms"])
         assert_array_equal(one["start"], other["start"])
+    assert main([*words, "-o", str(tmp_path / "e")]) == 0
+    assert capsys.readouterr().err.endswith("of an earlier run: spikes.npz\n")
     words = ["touch", "--press-um", "100", "--population", "one_each", "--no-plot"]
     assert main([*words, "--export", "mat", "-o", str(tmp_path / "t"), "--json"]) == 0
     assert "spikes.mat" in json.loads(capsys.readouterr().out)["files"]
