@@ -1,5 +1,6 @@
-"""Work in other processes, behind the executor of `concurrent.futures`.
+"""Many runs of one function, here or in other processes: `finished` has them as they end.
 
+Behind it is an executor of `concurrent.futures`. `HereExecutor` does each task at once.
 `LocalExecutor` has worker processes on this machine: one that is killed costs its own
 task a second beginning, and nobody else anything. `dask_executor` has the workers of a
 dask cluster. A task is a function that can be imported, with arguments that pickle.
@@ -15,11 +16,20 @@ import subprocess
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
+from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, TypeVar
 
 from fembridge.errors import MissingError, UsageError
 from fembridge.solver.process import GRACE_S, signals_as_exits
@@ -35,11 +45,62 @@ _ADDRESS = re.compile(r"(tcp|tls|ucx|wss?)://\S+")
 _DASK_PATIENCE = "20s"
 _MESSAGE, _RESULT, _ERROR = range(3)
 
-_answers: IO[bytes] | None = None
+OnMessage = Callable[[Any], object]
+"""Called with what tasks `send` on their way, from any thread."""
+
+_Task = TypeVar("_Task")
+
+
+def _unheard(message: object) -> None:
+    """Outside of a task nobody listens."""
+
+
+_listener: OnMessage = _unheard
 
 
 class WorkerDiedError(Exception):
     """The process of a task died, and that of its second attempt too."""
+
+
+def finished(
+    executor: Executor, function: Callable[[_Task], Any], ready: deque[_Task], at_once: int
+) -> Iterator[tuple[_Task, Future[Any]]]:
+    """Tasks of `ready` with what came of each, as they end; `at_once` are under way.
+
+    Who takes one may put others into `ready`: in front, or behind all.
+    """
+    running: dict[Future[Any], _Task] = {}
+    while ready or running:
+        while ready and len(running) < at_once:
+            task = ready.popleft()
+            running[executor.submit(function, task)] = task
+        for future in wait(running, return_when=FIRST_COMPLETED).done:
+            yield running.pop(future), future
+
+
+def executor_of(jobs: int, on_message: OnMessage = _unheard) -> Executor:
+    """Processes for `jobs` tasks at a time; a single one is done in this process."""
+    return HereExecutor(on_message) if jobs == 1 else LocalExecutor(jobs, on_message)
+
+
+class HereExecutor(Executor):
+    """Does each task in this process, when it is submitted; what it raises is raised there."""
+
+    def __init__(self, on_message: OnMessage = _unheard) -> None:
+        self._on_message = on_message
+
+    def submit(
+        self, function: Callable[..., Any], /, *args: object, **kwargs: object
+    ) -> Future[Any]:
+        """Result of ``function(*args, **kwargs)``, which is there."""
+        global _listener
+        future: Future[Any] = Future()
+        before, _listener = _listener, self._on_message
+        try:
+            future.set_result(function(*args, **kwargs))
+        finally:
+            _listener = before
+        return future
 
 
 class LocalExecutor(Executor):
@@ -48,17 +109,12 @@ class LocalExecutor(Executor):
     They stand outside the terminal's group, so Ctrl-C reaches us alone; when we die,
     even by ``kill -9``, each stops its solver and goes. Left by an exception, the block
     ``with LocalExecutor(...)`` does not wait for tasks: it ends them.
-
-    Parameters
-    ----------
-    on_message
-        Called with what tasks `send` on their way, from threads of this executor.
     """
 
-    def __init__(self, jobs: int, on_message: Callable[[Any], None] | None = None) -> None:
+    def __init__(self, jobs: int, on_message: OnMessage = _unheard) -> None:
         self._threads = ThreadPoolExecutor(jobs)
         self._own = threading.local()
-        self._on_message = on_message or (lambda message: None)
+        self._on_message = on_message
         self._workers: set[subprocess.Popen[bytes]] = set()
         self._lock = threading.Lock()
         self._stopped = False
@@ -159,17 +215,21 @@ class LocalExecutor(Executor):
 
 
 def send(message: object) -> None:
-    """Send `message` to who began the task; nowhere, outside a `LocalExecutor`."""
-    if _answers is not None:
-        pickle.dump((_MESSAGE, message), _answers)
-        _answers.flush()
+    """Send `message` to who began the task; of a cluster, nowhere."""
+    _listener(message)
 
 
 def serve() -> None:
     """Do tasks in this process until its input ends."""
-    global _answers
-    _answers = os.fdopen(os.dup(1), "wb")
+    global _listener
+    answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no answer
+
+    def answer(kind: int, value: object) -> None:
+        answers.write(pickle.dumps((kind, value)))
+        answers.flush()
+
+    _listener = partial(answer, _MESSAGE)
     tasks: queue.SimpleQueue[Any] = queue.SimpleQueue()
     source = os.fdopen(os.dup(0), "rb")
     threading.Thread(target=_listen, args=(source, tasks), daemon=True).start()
@@ -177,15 +237,13 @@ def serve() -> None:
         while task := tasks.get():
             function, args, kwargs = task
             try:
-                answer = _RESULT, function(*args, **kwargs)
+                kind, value = _RESULT, function(*args, **kwargs)
             except Exception as error:
-                answer = _ERROR, error
+                kind, value = _ERROR, error
             try:
-                words = pickle.dumps(answer)
-            except Exception as error:
-                words = pickle.dumps((_ERROR, RuntimeError(f"{answer[1]!r}: {error}")))
-            _answers.write(words)
-            _answers.flush()
+                answer(kind, value)
+            except Exception as error:  # it does not pickle
+                answer(_ERROR, RuntimeError(f"{value!r}: {error}"))
 
 
 def _listen(source: IO[bytes], tasks: "queue.SimpleQueue[Any]") -> None:

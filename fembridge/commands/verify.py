@@ -12,7 +12,7 @@ import argparse
 from typing import Any
 
 from fembridge.commands.options import Several, add_output_option
-from fembridge.terminal import SolverBars, log
+from fembridge.terminal import SolverBars
 
 EXAMPLE = "fembridge verify --quick -o verification"
 
@@ -56,13 +56,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     studies_named(args.only)  # a wrong word is said before a solver that is not there
     versions = versions_here()
     with SolverBars() as bars:
+
+        def on_message(message: Any) -> None:  # noqa: ANN401 - a line, or a run's progress
+            (bars.print if isinstance(message, str) else bars)(message)
+
         findings = verify(
             args.output,
             args.only,
             quick=args.quick,
             jobs=args.jobs or len(os.sched_getaffinity(0)),
-            on_progress=bars,
-            log=log,
+            on_message=on_message,
         )
     summary = write_report(args.output, findings, versions, quick=args.quick)
     for study in summary["studies"]:

@@ -5,21 +5,22 @@ sinusoids, and then without each frequency in turn, which is predicted; both aga
 with other seeds. Written are a row a seed as CSV, and the summary as Markdown.
 """
 
+from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import as_completed
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from fembridge.errors import UsageError
-from fembridge.executor import LocalExecutor
+from fembridge.executor import executor_of, finished
 from fembridge.fitting.problem import fit_problem
 from fembridge.observed import ObservedRates
 from fembridge.response.response_map import ResponseMap
 from fembridge.store import write_text
+from fembridge.words import markdown
 from neural.agreement import Agreement, agreement
 from neural.encoder import encode_cells
 from neural.models import DEFAULT_MODELS, MODELS, model_named
@@ -27,9 +28,6 @@ from neural.parameter_sets import DEFAULT_SET, parameter_set
 from neural.parameters import PUBLISHED
 from neural.rates import mean_rate_ips
 from neural.search import EVALUATIONS, choose, held_out_ips, search_front
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 CASES_FILE = "study.csv"
 SUMMARY_FILE = "study.md"
@@ -63,16 +61,16 @@ class ModelStudy:
     (``held_out_*``), and ``parameters``.
     """
 
-    trials: "pd.DataFrame"
+    trials: pd.DataFrame
     unfitted: dict[str, Agreement]
     finished: bool = True
 
     @property
-    def cases(self) -> "list[pd.DataFrame]":
+    def cases(self) -> list[pd.DataFrame]:
         """Trials of each case."""
         return [part for _, part in self.trials.groupby(list(CASE), sort=False)]
 
-    def ranked(self, afferent: str) -> "list[pd.DataFrame]":
+    def ranked(self, afferent: str) -> list[pd.DataFrame]:
         """Trials of each case of a class; the smallest median held-out RMSE first."""
         mine = [part for part in self.cases if part["afferent"].iloc[0] == afferent]
         return sorted(mine, key=lambda part: part["held_out_rmse_ips"].median())
@@ -109,7 +107,7 @@ def study_models(
     seeds: Sequence[int] = SEEDS,
     evaluations: int = EVALUATIONS,
     jobs: int = 1,
-    on_case: "Callable[[pd.DataFrame], None]" = lambda trials: None,
+    on_case: Callable[[pd.DataFrame], None] = lambda trials: None,
 ) -> ModelStudy:
     """Fit and cross-validate every case; `jobs` processes share them.
 
@@ -121,32 +119,24 @@ def study_models(
     KeyboardInterrupt
         Before the first case was finished.
     """
-    import pandas as pd
-
     if not cases or not seeds or min(seeds) < 0 or jobs < 1:
         raise UsageError(
             f"{len(cases)} cases, seeds {list(seeds)} and {jobs} jobs, expected one of each "
             "or more, and no seed below 0"
         )
     trials_of = partial(_trials_of, observed, response, tuple(seeds), evaluations)
-    found: dict[int, pd.DataFrame] = {}
+    found: dict[Case, pd.DataFrame] = {}
     try:
-        if jobs == 1:
-            for row, case in enumerate(cases):
-                found[row] = trials_of(case)
-                on_case(found[row])
-        else:
-            with LocalExecutor(jobs) as pool:
-                rows = {pool.submit(trials_of, case): row for row, case in enumerate(cases)}
-                for one in as_completed(rows):
-                    found[rows[one]] = one.result()
-                    on_case(one.result())
+        with executor_of(jobs) as executor:
+            for case, trials in finished(executor, trials_of, deque(cases), jobs):
+                found[case] = trials.result()
+                on_case(found[case])
     except KeyboardInterrupt:
         if not found:
             raise
-    trials = pd.concat([found[row] for row in sorted(found)], ignore_index=True)
-    unfitted = {name: _unfitted(observed, response, name) for name in trials["afferent"].unique()}
-    return ModelStudy(trials, unfitted, len(found) == len(cases))
+    table = pd.concat([found[case] for case in cases if case in found], ignore_index=True)
+    unfitted = {name: _unfitted(observed, response, name) for name in table["afferent"].unique()}
+    return ModelStudy(table, unfitted, len(found) == len(cases))
 
 
 def _trials_of(
@@ -155,10 +145,8 @@ def _trials_of(
     seeds: tuple[int, ...],
     evaluations: int,
     case: Case,
-) -> "pd.DataFrame":
+) -> pd.DataFrame:
     """A row a seed of one case."""
-    import pandas as pd
-
     model = model_named(case.model, case.afferent)
     depth_um, cells = case.preindent_um, case.cells
     problem = fit_problem(observed, response, model, preindent_um=depth_um, cells=cells)
@@ -213,28 +201,27 @@ def write_cases(path: Path, study: ModelStudy) -> None:
 
 def summary_text(study: ModelStudy) -> str:
     """A table a class, the smallest held-out error first; medians over seeds."""
-    lines = []
+    errors = ("R² fitted", "RMSE fitted", "R² held out", "RMSE held out (range)")
+    blocks = []
     for afferent, unfitted in study.unfitted.items():
-        lines += [
-            f"### {afferent}",
-            "",
-            "| model | cells | pre-indented (µm) | free | R² fitted | RMSE fitted | "
-            "R² held out | RMSE held out (range) |",
-            "|---|---|---|---|---|---|---|---|",
-        ]
+        rows = []
         for trials in study.ranked(afferent):
             case, median = trials.iloc[0], trials.median(numeric_only=True)
-            errors_ips = trials["held_out_rmse_ips"]
-            lines.append(
-                f"| {case['drive']} | {case['cells']} | {case['preindent_um']:g} | "
-                f"{case['free_parameters']} | {median['fitted_r_squared']:.3f} | "
-                f"{median['fitted_rmse_ips']:.1f} | {median['held_out_r_squared']:.3f} | "
-                f"{median['held_out_rmse_ips']:.1f} "
-                f"({errors_ips.min():.1f}–{errors_ips.max():.1f}) |"
+            left_ips = trials["held_out_rmse_ips"]
+            rows.append(
+                [
+                    *(case["drive"], case["cells"], f"{case['preindent_um']:g}"),
+                    case["free_parameters"],
+                    f"{median['fitted_r_squared']:.3f}",
+                    f"{median['fitted_rmse_ips']:.1f}",
+                    f"{median['held_out_r_squared']:.3f}",
+                    f"{left_ips.median():.1f} ({left_ips.min():.1f}–{left_ips.max():.1f})",
+                ]
             )
-        lines += [
-            "| published, Table 2 as printed | 1 | 0 | 0 | "
-            f"{unfitted.regression.r_squared:.3f} | {unfitted.rmse_ips:.1f} | | |",
-            "",
-        ]
-    return "\n".join(lines)
+        as_printed = [f"{unfitted.regression.r_squared:.3f}", f"{unfitted.rmse_ips:.1f}", "", ""]
+        rows.append(["published, Table 2 as printed", 1, 0, 0, *as_printed])
+        head = ["model", "cells", "pre-indented (µm)", "free", *errors]
+        blocks.append(
+            f"### {afferent}\n\n{markdown(pd.DataFrame(rows, columns=head).astype(str))}\n"
+        )
+    return "\n".join(blocks)

@@ -21,9 +21,10 @@ the block. Half the width is that of the half ellipse of the same second moment,
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
+from pandas import DataFrame
 
 from decks.analysis import Analysis, Contact
 from decks.calculix import calculix_deck
@@ -49,9 +50,6 @@ from fembridge.results.readers import read_values
 from fembridge.results.stress import von_mises_pa
 from fembridge.stimulus import Stimulus
 from fembridge.typing import FloatArray
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 RADIUS_MM = 40.0
 MATERIAL = Material(500.0, 0.3)
@@ -156,8 +154,6 @@ class Pressed:
 
 def study(runs: Runs) -> Finding:
     """Press at three sizes of elements."""
-    from pandas import DataFrame
-
     meshes = [_pressed(runs, count) for count in HALVINGS]
     share = np.array([mesh.axis_share for mesh in meshes])
     table = DataFrame([mesh.to_row() for mesh in meshes])
@@ -217,7 +213,7 @@ def _pressed(runs: Runs, halvings: int) -> Pressed:
     )
 
 
-def _figure(meshes: list[Pressed], errors: FloatArray, width: FloatArray) -> "Figure":
+def _figure(meshes: list[Pressed], errors: FloatArray, width: FloatArray) -> Figure:
     form = meshes[-1].form
     across = np.linspace(-1.3, 1.3, 261)
     depth_mm = np.linspace(0.0, EVEN_MM, 161)

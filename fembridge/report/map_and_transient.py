@@ -9,9 +9,11 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from pandas import DataFrame
 
 from decks.analysis import Model
 from decks.presets import PRESETS, model_of
@@ -37,10 +39,6 @@ from fembridge.stimulus import Stimulus
 from fembridge.trace import StressTrace
 from neural import encode_cells, parameter_set
 from neural.models import model_named
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from pandas import DataFrame
 
 TRACE_PERCENT, DRIVE_PERCENT, EQUAL_PERCENT = 0.1, 3.0, 99.0
 FEWER_INCREMENTS, LESS_CPU = 1000.0, 300.0
@@ -87,8 +85,6 @@ def study(runs: Runs) -> Finding:
 
 def finding_of(found: Sequence[Compared], maps: Mapping[str, tuple[Cost, float]]) -> Finding:
     """Put the comparisons together; a map is its solver's cost and Python's time in s."""
-    from pandas import DataFrame
-
     errors = DataFrame([each.row for each in found])
     worst_trace = float(errors.filter(like="_stress").to_numpy().max())
     worst_drive = float(errors.filter(like="_drive").to_numpy().max())
@@ -111,10 +107,8 @@ def finding_of(found: Sequence[Compared], maps: Mapping[str, tuple[Cost, float]]
     )
 
 
-def _costs(found: Sequence[Compared], maps: Mapping[str, tuple[Cost, float]]) -> "DataFrame":
+def _costs(found: Sequence[Compared], maps: Mapping[str, tuple[Cost, float]]) -> DataFrame:
     """What 82 stimuli take by map and by transient, whose increments cost those solved."""
-    from pandas import DataFrame
-
     increments = sum(make_stimulus(entry).displacement_um.size - 1 for entry in CATALOGUE)
     rows = []
     for finger, (solver, python_s) in maps.items():
@@ -137,7 +131,7 @@ def _costs(found: Sequence[Compared], maps: Mapping[str, tuple[Cost, float]]) ->
     return DataFrame(rows)
 
 
-def _figure(found: Sequence[Compared]) -> "Figure":
+def _figure(found: Sequence[Compared]) -> Figure:
     """Stress over time of one stimulus, by the map and by the transient."""
     shown = next(each for each in found if each.row["stimulus"] == f"`{SHOWN}`")
     figure, all_panels = panels(len(shown.traces[0]))

@@ -15,20 +15,26 @@ goes with 1/K, so a straight line in 1/K through the stiffest ends at rigid cont
 `laws`: from which depth on the law of the materials matters. Decks take the second
 Piola–Kirchhoff stress to be linear in Green's strain, with Table 1's moduli; a neo-Hookean
 skin has the same moduli at rest.
+
+`incompressible`: the element for a dermis with a Poisson's ratio of 0.48, on the ring of
+`fembridge.report.plane` and on the finger.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from pandas import DataFrame
 
 from decks.analysis import LAWS, Contact, Model
-from decks.finger import Finger, Resolution
+from decks.finger import AfferentSite, Finger, Resolution
 from decks.mesh import refined
 from decks.presets import PAPER, QUICK, model_of
 from fembridge.errors import FingerError
+from fembridge.report import plane
 from fembridge.report.study import (
     DEPTH_UM,
     Check,
@@ -49,10 +55,6 @@ from fembridge.response.indentation import CLOSURE_PERCENT, LADDER, judge
 from fembridge.stimulus import Stimulus
 from fembridge.tables import AFFERENTS
 from fembridge.typing import FloatArray
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from pandas import DataFrame
 
 # Von Mises stress of SA, RA, PC at 200 um on an endless mesh: the study `mesh`, whole run,
 # with CalculiX 2.20.
@@ -98,6 +100,11 @@ _LAW_DEPTH_UM, _LAW_STEPS, _LAW_STEPS_QUICK = 400.0, 16, 8
 _LAW_TABLED_UM = (50.0, 100.0, 200.0, 300.0, 400.0)
 _LAW_BOUND_PERCENT = 0.5
 MUCH_PERCENT = 5.0
+# Elements: on the finger `quick`, and on a member of the family of meshes.
+_FACTORS, _FACTORS_QUICK = (None, 1.5), (None,)
+# In the dermis, under the tip of a papilla: no afferent, a place that shows locking.
+_SITES = {"DERMIS": AfferentSite("dermis", 0.125, 0.71)}
+_ELEMENT_STEPS = 5
 
 
 def member(factor: float) -> Finger:
@@ -163,13 +170,11 @@ def _pressed(runs: Runs, finger: Finger) -> Indented:
     return indent(runs, f"mesh/{finger.name}", model)
 
 
-def _limits(fitted: Sequence[Indented]) -> "DataFrame":
+def _limits(fitted: Sequence[Indented]) -> DataFrame:
     """Limits that the `fitted` meshes tend to, by afferent; with none, those of a whole run.
 
     A limit is between the fits of both orders; order and index are of the last three meshes.
     """
-    from pandas import DataFrame
-
     columns = ["limit_kpa", "fits_differ_percent", "order", "index_percent"]
     if not fitted:
         rows = [(kpa, 0.0, math.nan, math.nan) for kpa in LIMIT_KPA.tolist()]
@@ -184,7 +189,7 @@ def _limits(fitted: Sequence[Indented]) -> "DataFrame":
     return DataFrame(dict(zip(columns, values, strict=True)), index=list(AFFERENTS))
 
 
-def _off_percent(mesh: Indented, limits: "DataFrame") -> FloatArray:
+def _off_percent(mesh: Indented, limits: DataFrame) -> FloatArray:
     """Difference of the stress ``(afferent,)`` from its limit."""
     off: FloatArray = 100 * (mesh.last_pa / 1000 / limits.limit_kpa.to_numpy() - 1)
     return off
@@ -201,9 +206,7 @@ def _refined(runs: Runs) -> list[Indented]:
     return found
 
 
-def _table(meshes: Sequence[Indented]) -> "DataFrame":
-    from pandas import DataFrame
-
+def _table(meshes: Sequence[Indented]) -> DataFrame:
     rows = [
         (
             each.elements,
@@ -218,8 +221,8 @@ def _table(meshes: Sequence[Indented]) -> "DataFrame":
 
 
 def _meshes_figure(
-    meshes: list[Indented], presets: dict[str, Indented], limits: "DataFrame"
-) -> "Figure":
+    meshes: list[Indented], presets: dict[str, Indented], limits: DataFrame
+) -> Figure:
     elements = [each.elements for each in meshes]
     off_percent = np.array([_off_percent(each, limits) for each in meshes]).T
     figure, all_panels = panels(len(limits))
@@ -236,8 +239,6 @@ def _meshes_figure(
 
 def contact_models(runs: Runs) -> Finding:
     """Try each contact model on the way down and back."""
-    from pandas import DataFrame
-
     steps = _CONTACT_STEPS_QUICK if runs.quick else _CONTACT_STEPS
     down_um = np.round(np.linspace(0.0, DEEPEST_UM, steps + 1), 3)
     up_um = down_um[steps - _BACK_EVERY : 0 : -_BACK_EVERY]
@@ -310,7 +311,7 @@ def _try(runs: Runs, model: Model, stimulus: Stimulus) -> tuple[dict[str, Any], 
     }, found
 
 
-def _models_figure(found: dict[tuple[str, Contact], Indented], steps: int) -> "Figure":
+def _models_figure(found: dict[tuple[str, Contact], Indented], steps: int) -> Figure:
     """SA's stress on the way back against that on the way in, at the same depth."""
     figure, both = panels(2)
     for panel, formulation in zip(both, (NODE, SURFACE), strict=True):
@@ -332,8 +333,6 @@ def _models_figure(found: dict[tuple[str, Contact], Indented], steps: int) -> "F
 
 def stiffness(runs: Runs) -> Finding:
     """Press with springs of each stiffness and extrapolate to rigid contact."""
-    from pandas import DataFrame
-
     springs = np.array(STIFFNESS_QUICK if runs.quick else STIFFNESS)
     found = []
     for one in springs.tolist():
@@ -375,8 +374,6 @@ def stiffness(runs: Runs) -> Finding:
 
 def laws(runs: Runs) -> Finding:
     """Press with both laws."""
-    from pandas import DataFrame
-
     model = model_of(QUICK)
     stimulus = down(_LAW_DEPTH_UM, _LAW_STEPS_QUICK if runs.quick else _LAW_STEPS)
     found = {}
@@ -413,4 +410,35 @@ def laws(runs: Runs) -> Finding:
             }
         },
         figure=figure,
+    )
+
+
+def incompressible(runs: Runs) -> Finding:
+    """Solve the ring and the finger with each element."""
+    found = plane.ring(runs)
+    return replace(found, tables={**found.tables, "finger_elements": _elements(runs)})
+
+
+def _elements(runs: Runs) -> DataFrame:
+    """Stress in kPa after pressing into each mesh with each element, and what it cost."""
+    rows = []
+    for factor in _FACTORS_QUICK if runs.quick else _FACTORS:
+        base = model_of(QUICK if factor is None else member(factor))
+        finger = replace(base.finger, afferents={**base.finger.afferents, **_SITES})
+        count = len(base.mesh.quad)
+        for element in plane.RING_ELEMENTS:
+            runs.log(f"incompressible: {count} elements, {element}")
+            model = Model(finger, base.mesh, element=element)
+            name = f"incompressible/{finger.name}_{element}"
+            each = indent(runs, name, model, down(steps=_ELEMENT_STEPS))
+            off_percent = each.last_pa[:-1] / 10 / LIMIT_KPA - 100
+            kpa = (each.last_pa / 1000).tolist()
+            rows.append((count, element, *kpa, *off_percent.tolist(), each.cost.cpu_s))
+    return DataFrame(
+        rows,
+        columns=[
+            *("elements", "element", *AFFERENTS, "dermis"),
+            *(f"{name}_percent" for name in AFFERENTS),
+            "cpu_s",
+        ],
     )

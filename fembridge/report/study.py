@@ -10,18 +10,22 @@ import hashlib
 import math
 import re
 import resource
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import astuple, dataclass, field, replace
 from operator import add
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from pandas import DataFrame
 
 from decks.analysis import Model
 from decks.dialects import JOB
 from fembridge.build import build_run_folder
 from fembridge.errors import ResponseError
+from fembridge.executor import send
 from fembridge.plots.style import (
     AFFERENT_COLOURS,
     FAINT,
@@ -38,16 +42,11 @@ from fembridge.response.indentation import read_pressed
 from fembridge.results.stress import von_mises_pa
 from fembridge.run_folder import RUN_FILE, RunFolder
 from fembridge.solver.ccx import LOG_FILE, finished_outcome, run_ccx
-from fembridge.solver.settings import OnProgress, SolverSettings
+from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Failure, Outcome
 from fembridge.stimulus import Stimulus
 from fembridge.store import filling, read_toml, write_text
 from fembridge.typing import FloatArray
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-    from pandas import DataFrame
 
 COST_FILE = "cost.toml"
 RUNS_FOLDER = "runs"
@@ -104,9 +103,11 @@ class Runs:
 
     folder: Path
     quick: bool = False
-    on_progress: OnProgress | None = None
-    log: Callable[[str], None] = lambda line: None
     spent: Cost = Cost()
+
+    def log(self, line: str) -> None:
+        """Send `line`, and of a run how far it is, to who began the study."""
+        send(line)
 
     def attempt(self, name: str, model: Model, stimulus: Stimulus) -> Attempt:
         """Solve `model` under `stimulus` in the folder `name`; a failure is in the attempt."""
@@ -139,7 +140,7 @@ class Runs:
         cpu_s = None if outcome is None else _kept_cpu_s(run)
         if outcome is None or cpu_s is None:
             before_s = _children_s()
-            settings = SolverSettings(THREADS, on_progress=self.on_progress, cache=False)
+            settings = SolverSettings(THREADS, on_progress=send, cache=False)
             outcome = run_ccx(run, settings)
             cpu_s = _children_s() - before_s
             if outcome.accepted:
@@ -253,9 +254,9 @@ class Finding:
     """
 
     checks: tuple[Check, ...] = ()
-    tables: Mapping[str, "DataFrame"] = field(default_factory=dict)
+    tables: Mapping[str, DataFrame] = field(default_factory=dict)
     numbers: Mapping[str, Any] = field(default_factory=dict)
-    figure: "Figure | None" = None
+    figure: Figure | None = None
     skipped: str = ""
     cost: Cost = Cost()
 
@@ -278,7 +279,7 @@ def off_percent(found: FloatArray, expected: FloatArray) -> float:
     return 100 * float(np.abs(found - expected).max() / np.abs(expected).max())
 
 
-def panels(count: int) -> tuple["Figure", list["Axes"]]:
+def panels(count: int) -> tuple[Figure, list[Axes]]:
     """Figure of `count` panels side by side."""
     width_in = min(PAGE_WIDTH_IN, _PANEL_IN * count + 0.6)
     figure, [row] = new_figure(_HEIGHT_IN, columns=count, width_in=width_in)
@@ -305,7 +306,7 @@ def exact(*, dashed: bool = False) -> dict[str, Any]:
     return {**style, "dashes": (4, 2)} if dashed else style
 
 
-def finish(panel: "Axes", x: str, y: str, *, title: str = "", log: str = "") -> None:
+def finish(panel: Axes, x: str, y: str, *, title: str = "", log: str = "") -> None:
     """Name axes and series; `log` names the logarithmic axes: "", "x" or "xy"."""
     panel.set_xscale("log" if "x" in log else "linear")
     panel.set_yscale("log" if "y" in log else "linear")
@@ -315,7 +316,7 @@ def finish(panel: "Axes", x: str, y: str, *, title: str = "", log: str = "") -> 
     panel.legend(fontsize=SMALL_TEXT_PT - 1, handlelength=1.8)
 
 
-def _name_samples(panel: "Axes") -> None:
+def _name_samples(panel: Axes) -> None:
     """Name a logarithmic x axis where the samples are: there are few."""
     places = np.unique(np.concatenate([each.get_xdata() for each in panel.lines])).tolist()
     kept, step = places[:1], (places[-1] / places[0]) ** (1 / _MOST_STEPS)

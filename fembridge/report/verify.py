@@ -3,27 +3,20 @@
 import json
 import math
 import sys
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import as_completed
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from fembridge.errors import MissingError, SolverError, UsageError
-from fembridge.executor import LocalExecutor, WorkerDiedError, send
+from fembridge.executor import OnMessage, WorkerDiedError, executor_of, finished
 from fembridge.machine import SOLVER_INSTALL_LINE, check_ccx, find_ccx
 from fembridge.plots.style import in_style, save_figure
-from fembridge.report import (
-    hertz,
-    incompressibility,
-    map_and_transient,
-    plane,
-    pressed_finger,
-    study,
-)
+from fembridge.report import hertz, map_and_transient, plane, pressed_finger, study
 from fembridge.report.study import THREADS, Finding, Runs
 from fembridge.solver.process import signals_as_exits
-from fembridge.solver.settings import OnProgress
 from fembridge.store import make_folder, write_text
 from fembridge.typing import Table
 from fembridge.version import __version__
@@ -31,8 +24,6 @@ from fembridge.words import markdown, rendered, split_unit, worded
 
 PAGE_FILE = "verification.md"
 SUMMARY_FILE = "verification.json"
-
-Log = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,9 +35,9 @@ class Study:
     found_by: Callable[[Runs], Finding]
     left_out: str = ""
 
-    def make(self, folder: Path, quick: bool, on_progress: OnProgress | None, log: Log) -> Finding:
+    def make(self, folder: Path, quick: bool) -> Finding:
         """Do it in `folder`; its figure goes into a file there."""
-        runs = Runs(folder, quick, on_progress, log)
+        runs = Runs(folder, quick)
         finding = in_style(self.found_by)(runs)
         if finding.figure is not None:
             save_figure(finding.figure, folder / "images" / f"verification_{self.name}.png")
@@ -70,7 +61,7 @@ STUDIES = (
     Study(
         "incompressible",
         "A nearly incompressible dermis",
-        incompressibility.study,
+        pressed_finger.incompressible,
         "rings to 16 elements across; `quick` finger alone",
     ),
     Study(
@@ -124,33 +115,31 @@ def verify(
     *,
     quick: bool = False,
     jobs: int = 1,
-    on_progress: OnProgress | None = None,
-    log: Log = lambda line: None,
+    on_message: OnMessage = lambda message: None,
 ) -> dict[str, Finding]:
     """Make the studies `names`, or all; findings by name, in the order of the page.
 
     Runs of the solver in `folder` that are whole are taken, so that what was stopped goes on
     where it was. Figures are written as PNG as soon as they are made. `jobs` studies are made at
-    the same time, each in a process of its own; `log` gets a line for each step. Raises
-    SolverError, ResponseError: a run of the solver failed.
+    the same time, each in a process of its own; `on_message` gets a line for each step, and the
+    `Progress` of each run. Raises SolverError, ResponseError: a run of the solver failed.
     """
     studies = studies_named(names)
     make_folder(folder)
-    if jobs == 1 or len(studies) == 1:
-        return {study.name: study.make(folder, quick, on_progress, log) for study in studies}
-    order = studies[::-1]  # the longer ones first, so that no core waits at the end
-    found = {}
+    jobs = min(jobs, len(studies))
+    make = partial(Study.make, folder=folder, quick=quick)
+    order = deque(studies[::-1] if jobs > 1 else studies)  # the longer first: no core waits
+    found: dict[str, Finding] = {}
     # The first that fails ends the others, whose runs are kept.
-    with signals_as_exits(), LocalExecutor(min(jobs, len(order)), log) as executor:
-        futures = {executor.submit(one.make, folder, quick, None, send): one.name for one in order}
-        for future in as_completed(futures):
+    with signals_as_exits(), executor_of(jobs, on_message) as executor:
+        for one, made in finished(executor, make, order, jobs):
             try:
-                found[futures[future]] = future.result()
+                found[one.name] = made.result()
             except WorkerDiedError as error:
                 raise SolverError(
                     f"{error}; what is finished is kept: run this again", folder
                 ) from error
-            log(f"{futures[future]}: done, {len(found)} of {len(order)}")
+            on_message(f"{one.name}: done, {len(found)} of {len(studies)}")
     return {study.name: found[study.name] for study in studies}
 
 

@@ -10,14 +10,15 @@ from numpy.testing import assert_allclose
 
 from decks.finger import Material
 from fembridge.report.hertz import E_STAR_MPA, MATERIAL, RADIUS_MM, Hertz, cylinder_on_block
-from fembridge.report.incompressibility import (
+from fembridge.report.plane import (
     INNER_MM,
     MOVED_MM,
+    NEO_HOOKEAN,
     OUTER_MM,
     ring_problem,
     ring_stress_mpa,
+    uniform_stress_mpa,
 )
-from fembridge.report.plane import NEO_HOOKEAN, uniform_stress_mpa
 from fembridge.report.study import extrapolated
 
 WIDTH = np.array([0.8, 0.4, 0.2, 0.1])
