@@ -20,9 +20,8 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby
+from itertools import groupby, pairwise
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -170,51 +169,36 @@ class PlotSource(Source):
 
 def read_plot_tables(path: Path) -> tuple[list[PlotTable], str]:
     """The longest table of a text and the others as wide, in file order; and a doubt, or ""."""
-    read = [(number, _in_utf8(text), ended) for number, text, ended in text_lines(path)]
-    cut = read[-1][1].strip() if read and not read[-1][2] else ""
-    numbered = ((number, line, _numbers(line)) for number, line, _ in read)
-    runs: list[_Run] = []
-    above: list[str] = []
-    for columns, group in groupby(numbered, key=lambda one: len(one[2])):
-        some = list(group)
-        if columns < _LEAST_COLUMNS or len(some) < _LEAST_ROWS:
-            above += [line for _, line, _ in some]
-        else:
-            runs.append(_Run(some[0][0], above, np.array([row for _, _, row in some])))
-            above = []
-    if not runs:
+    read = [(_in_utf8(text), ended) for _, text, ended in text_lines(path)]
+    lines = [(text, _numbers(text)) for text in (*(line for line, _ in read), "")]
+    places, at = list[tuple[int, int]](), 0  # of rows of as many numbers
+    for columns, group in groupby(len(numbers) for _, numbers in lines):
+        begin, at = at, at + len(list(group))
+        if columns >= _LEAST_COLUMNS and at - begin >= _LEAST_ROWS:
+            places.append((begin, at))
+    if not places:
         raise ResultError("no table: no two lines with as many numbers each", path)
-    width = max(runs, key=lambda one: len(one.values)).values.shape[1]
+    width = len(lines[max(places, key=lambda place: place[1] - place[0])[0]][1])
     tables = []
-    for place, one in enumerate(runs):
-        if one.values.shape[1] != width:
+    for (_, before), (begin, end) in pairwise([(0, 0), *places]):
+        if len(lines[begin][1]) != width:
             continue
-        labels = _labels(one.above, one.values)
-        behind = runs[place + 1].above if place + 1 < len(runs) else above
-        end = one.first + len(one.values)
-        beside = [(end, behind[:1])]
-        if labels[0] != "column_1":
-            beside.append((one.first - 1, one.above[-1:]))
-        if place + 1 < len(runs) and runs[place + 1].first == end:
-            beside.append((end, ["0"]))
-        for number, lines in beside:
-            if any(_like_row(each, width) for each in lines):
-                raise ResultError(f"no row of {width} numbers, at a table of such", path, number)
-        bad = np.argwhere(~np.isfinite(one.values))
-        if bad.size:
-            raise ResultError("a number that is not finite", path, one.first + int(bad[0][0]))
-        header = tuple(filter(str.strip, one.above))
-        tables.append(PlotTable(labels, one.values, header, one.first))
-    doubt = f"the last line has no end and may be cut: {cut[-40:]!r}" if cut else ""
+        values = np.array([numbers for _, numbers in lines[begin:end]])
+        above = [text for text, _ in lines[before:begin]]
+        labels = _labels(above, values)
+        # A row that is damaged parts a table, or is taken for its heading.
+        for place in (end,) if labels[0] == "column_1" else (end, begin - 1):
+            text, numbers = lines[place]
+            if (place == end and numbers) or _like_row(text, width):
+                raise ResultError(f"no row of {width} numbers, at a table of such", path, place + 1)
+        if (bad := np.argwhere(~np.isfinite(values))).size:
+            raise ResultError("a number that is not finite", path, begin + 1 + int(bad[0][0]))
+        header = tuple(filter(str.strip, above))
+        tables.append(PlotTable(labels, values, header, begin + 1))
+    (last, ended), doubt = read[-1], ""
+    if not ended and last.strip():
+        doubt = f"the last line has no end and may be cut: {last.strip()[-40:]!r}"
     return tables, doubt
-
-
-class _Run(NamedTuple):
-    """Consecutive lines of as many numbers, the `first` of them, and the text `above`."""
-
-    first: int
-    above: list[str]
-    values: FloatArray
 
 
 def _like_row(line: str, columns: int) -> bool:

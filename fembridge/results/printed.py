@@ -447,18 +447,19 @@ def _dat_rows(path: Path, options: ReadOptions, quantity: str | None) -> Iterato
     Which springs of a contact are active changes; what else is printed does not, but for
     other requests of another step.
     """
-    groups: list[tuple[float, list[tuple[str, str]]]] = []
-    noted = False
+    held: dict[float, list[str]] = {}  # of each time, but for the springs
     wanted = dat_sections(path, lambda name, _: quantity in (None, name), options)
     for section in _whole(wanted, path, options):
         if not section.quantity.startswith(_VARYING) and section.over_time:
-            if not groups or groups[-1][0] != section.time_ms:
-                noted = noted or _note_other_sections(groups, options)
-                groups = [*groups[-1:], (section.time_ms, [])]
-            groups[-1][1].append((section.quantity, section.set_name))
+            named = _named(section.quantity, section.set_name)
+            held.setdefault(section.time_ms, []).append(named)
         yield from _section_rows(section, path, options)
-    if not noted:
-        _note_other_sections(groups, options)
+    for (first_ms, was), (time_ms, now) in pairwise(held.items()):
+        if was != now:
+            lost = [named for named in was if named not in now]
+            words = f"no {lost[0]}" if lost else "more sections"
+            options.note(f"at {time_ms:g} ms there is {words}, unlike at {first_ms:g} ms")
+            break
 
 
 def _whole(
@@ -501,19 +502,6 @@ def _damage(section: DatSection, first: DatSection, before: DatSection | None) -
         return f"{section} comes after {before.time_ms:g} ms"
     same = section.time_ms == before.time_ms and np.array_equal(section.values, before.values)
     return f"{section} is duplicate" if same and count else ""
-
-
-def _note_other_sections(
-    groups: Sequence[tuple[float, Sequence[tuple[str, str]]]], options: ReadOptions
-) -> bool:
-    """Note, and say, that the last two times have not the same sections."""
-    if len(groups) < 2 or groups[0][1] == groups[1][1]:
-        return False
-    (first_ms, was), (time_ms, now) = groups
-    lost = [_named(*one) for one in was if one not in now]
-    words = f"no {lost[0]}" if lost else "more sections"
-    options.note(f"at {time_ms:g} ms there is {words}, unlike at {first_ms:g} ms")
-    return True
 
 
 def _section_rows(section: DatSection, path: Path, options: ReadOptions) -> Iterator[Row]:
