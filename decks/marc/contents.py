@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -83,6 +83,7 @@ POST_KINDS = {"binary": 0, "text": 1, "both": 2}
 """Field 4 of `post`: 0 was seen, 1 is documented by a reader of such decks; 2 for both is
 inferred from Mentat's three choices."""
 
+_Value = TypeVar("_Value")
 _LISTED_IN_MATERIAL = 11  # the last input version, of those seen, with lists of elements there
 
 
@@ -298,18 +299,16 @@ class MarcDeck:
         """The isotropic materials."""
         listed = (self.version or 0) <= _LISTED_IN_MATERIAL
         driven = bool(self.find("table", Section.PARAMETER))
-        options = self.find("isotropic")
-        return [each for option in options for each in _materials(option, listed, driven)]
+        return _all(self.find("isotropic"), lambda option: _materials(option, listed, driven))
 
     def conditions(self) -> list[Condition]:
         """All conditions of the model definition."""
         options = (each for each in self.options if each.section is Section.MODEL)
-        families = [each for each in options if each.keyword in CONDITIONS]
-        return [each for option in families for each in _conditions(option)]
+        return _all((each for each in options if each.keyword in CONDITIONS), _conditions)
 
     def bodies(self) -> list[Body]:
         """The contact bodies, none of a deck without contact."""
-        return [body for option in self.find("contact")[:1] for body in _bodies(option)]
+        return _all(self.find("contact")[:1], _bodies)
 
     def load_cases(self) -> list[LoadCase]:
         """All load cases."""
@@ -318,8 +317,7 @@ class MarcDeck:
 
     def post(self) -> Post | None:
         """The last ``post`` of the model definition; None of a deck without."""
-        found = self.find("post")
-        return _post(found[-1]) if found else None
+        return next(iter(_all(self.find("post")[-1:], _post)), None)
 
 
 def read_marc_deck(data: bytes) -> MarcDeck:
@@ -338,7 +336,7 @@ def read_marc_deck(data: bytes) -> MarcDeck:
         tuple(options),
         tuple(_elements(connectivity)),
         _coordinates([each for each in model if each.keyword == "coordinates"]),
-        tuple(_table(each) for each in model if each.keyword == "table"),
+        tuple(_all((each for each in model if each.keyword == "table"), _table)),
     )
     generated = any(option.keyword in _GENERATORS for option in options)
     if deck.sizes is None or generated:
@@ -429,6 +427,15 @@ def describe_marc_deck(path: Path) -> Table:
 
 
 # ---- Options: each reads what it announces, as far as that is known
+
+
+def _all(options: Iterable[Option], read: Callable[[Option], Iterable[_Value]]) -> list[_Value]:
+    """What all `options` hold; one in which something is not where it should be is refused."""
+    found = list[_Value]()
+    for option in options:
+        with _in_shape(option):
+            found += read(option)
+    return found
 
 
 @contextmanager
@@ -533,32 +540,28 @@ def _kind_and_name(option: Option) -> tuple[str, str]:
 # ---- Materials and tables
 
 
-def _materials(option: Option, listed: bool, driven: bool) -> list[Isotropic]:
+def _materials(option: Option, listed: bool, driven: bool) -> Iterator[Isotropic]:
     """Isotropic materials; up to input version 11 the list of its elements follows.
 
             1von mises           isotropic                   10         0         0
     E, Poisson's ratio, density, thermal expansion, yield stress, three more
             0         0 ...                      table of each of the eight
     """
-    rows, materials = option.data, []
-    starts = [row for row, line in enumerate(rows) if _starts_material(line)]
     before_list = 3 if driven else 2  # decks without tables have none here
+    starts = []
+    for row, line in enumerate(rows := option.data):
+        number, criterion = line.cut("iw")
+        if number.isdigit() and criterion[:1].isalpha():
+            starts.append(row)
     for block in blocks(rows, starts):
-        with _in_shape(option):
-            number, _criterion, _hardening, *_, name = block[0].fields("iwwiiiit")
-            young, poisson, *others = block[1].reals()
-            members = [each for each in block[before_list:] if not each.blank] if listed else []
-            elements = tuple(each for each in read_list(members) if isinstance(each, int))
-            materials.append(Isotropic(number, name, (young, poisson, *others), elements))
-    return materials
+        number, _criterion, _hardening, *_, name = block[0].fields("iwwiiiit")
+        young, poisson, *others = block[1].reals()
+        members = [each for each in block[before_list:] if not each.blank] if listed else []
+        elements = tuple(each for each in read_list(members) if isinstance(each, int))
+        yield Isotropic(number, name, (young, poisson, *others), elements)
 
 
-def _starts_material(line: Line) -> bool:
-    number, criterion = line.cut("iw")
-    return number.isdigit() and criterion[:1].isalpha()
-
-
-def _table(option: Option) -> MarcTable:
+def _table(option: Option) -> Iterator[MarcTable]:
     """A value against one or more variables.
 
         table               waveform
@@ -571,14 +574,13 @@ def _table(option: Option) -> MarcTable:
     values beyond them are extrapolated.
     """
     rows, variable, points = option.filled, 0, None
-    with _in_shape(option):
-        number, count, _, _, kind = (rows[0].integers() + [0] * 3)[:5]
-        if kind != FORMULA and count >= 1:
-            variable, expected = rows[1].integers()[:2]
-            if count == 1 and kind == POINTS:
-                pairs = [line.fields("rr") for line in rows[2:]]
-                points = np.array(pairs, dtype=np.float64).reshape(expected, 2)
-    return MarcTable(option.name, number, variable, points, option.head, tuple(rows))
+    number, count, _, _, kind = (rows[0].integers() + [0] * 3)[:5]
+    if kind != FORMULA and count >= 1:
+        variable, expected = rows[1].integers()[:2]
+        if count == 1 and kind == POINTS:
+            pairs = [line.fields("rr") for line in rows[2:]]
+            points = np.array(pairs, dtype=np.float64).reshape(expected, 2)
+    yield MarcTable(option.name, number, variable, points, option.head, tuple(rows))
 
 
 # ---- Conditions and contact
@@ -598,34 +600,31 @@ def _conditions(option: Option) -> Iterator[Condition]:
 
     Other conditions lack the degrees of freedom or have other numbers there.
     """
-    rows, family = option.filled, f"`{option.keyword}`"
-    starts = [row for row, line in enumerate(rows) if _starts_condition(line)]
+    starts = []
+    for row, line in enumerate(rows := option.filled):
+        *numbers, name = line.cut("iiiiiit")
+        if name and all(each.lstrip("+-").isdigit() for each in numbers):
+            starts.append(row)
     option.head.check(
         not rows or starts[:1] in ([0], [1]),
-        f"{family} is not in the table-driven style, expected a line of six integers and a name",
+        f"`{option.keyword}` is not in the table-driven style, expected a line of six integers "
+        "and a name",
     )
     for block in blocks(rows, starts):
-        with _in_shape(option):
-            name = block[0].fields("iiiiiit")[6]
-            values, tables = block[1].reals(), block[2].integers()
-            tables += [0] * (len(values) - len(tables))
-            directions = [0] * len(values)
-            if option.keyword == FIXED_DISPLACEMENT:
-                directions, where = block[3].integers(), block[5]
-            else:
-                # Kinds of loads differ in what comes between; a name is always last.
-                where = next((line for line in reversed(block[4:]) if line.lettered), block[4])
-            drives = tuple(zip(values, tables, directions, strict=True))
-            yield Condition(option.keyword, name, drives, where.word, block[1])
+        name = block[0].fields("iiiiiit")[6]
+        values, tables = block[1].reals(), block[2].integers()
+        tables += [0] * (len(values) - len(tables))
+        directions = [0] * len(values)
+        if option.keyword == FIXED_DISPLACEMENT:
+            directions, where = block[3].integers(), block[5]
+        else:
+            # Kinds of loads differ in what comes between; a name is always last.
+            where = next((line for line in reversed(block[4:]) if line.lettered), block[4])
+        drives = tuple(zip(values, tables, directions, strict=True))
+        yield Condition(option.keyword, name, drives, where.word, block[1])
 
 
-def _starts_condition(line: Line) -> bool:
-    """Whether numbers and then a name are on the line."""
-    *numbers, name = line.cut("iiiiiit")
-    return bool(name) and all(each.lstrip("+-").isdigit() for each in numbers)
-
-
-def _bodies(option: Option) -> list[Body]:
+def _bodies(option: Option) -> Iterator[Body]:
     """The bodies of ``contact``: numbers and a name, what it is, how it moves.
 
                  3         1         0         0         1        -1         0        -1load
@@ -638,19 +637,16 @@ def _bodies(option: Option) -> list[Body]:
 
     The sixth number is its control. A rigid body's curves or surfaces follow.
     """
-    rows, bodies = option.data, list[Body]()
-    starts: list[int] = []
+    rows, starts = option.data, list[int]()
     for row, line in enumerate(rows[_BEFORE_BODIES:], start=_BEFORE_BODIES):
         # Their numbers rise from 1, a name is last.
         number, *_, name = line.cut("iiiiiiiit")
         if name.strip("+-.0123456789") and number == str(len(starts) + 1):
             starts.append(row)
-    with _in_shape(option):
-        for block, _ in zip(blocks(rows, starts), range(rows[0].first_integer()), strict=True):
-            *_, control, _, _, name = block[0].fields("iiiiiiiit")
-            drives = tuple(zip(block[4].reals(), block[5].integers(), strict=True))
-            bodies.append(Body(name, block[1].first_integer(), control, drives, block[4]))
-    return bodies
+    for block, _ in zip(blocks(rows, starts), range(rows[0].first_integer()), strict=True):
+        *_, control, _, _, name = block[0].fields("iiiiiiiit")
+        drives = tuple(zip(block[4].reals(), block[5].integers(), strict=True))
+        yield Body(name, block[1].first_integer(), control, drives, block[4])
 
 
 # ---- Load cases and output
@@ -670,27 +666,26 @@ def _load_case(all_options: Sequence[Option], number: int) -> LoadCase:
     continue
     """
     options = [option for option in all_options if option.case == number]
-    named = [option for option in options if option.keyword == "loadcase"]
-    titled = [option for option in options if option.keyword == "title"]
-    times = [option for option in options if option.keyword == "time step"]
-    stepping = (FIXED, ADAPTIVE, *_OTHER_STEPPING)
-    steps = [option for option in options if option.keyword in stepping]
-    step = steps[0] if steps else None
+
+    def of(*keywords: str) -> list[Option]:
+        return [option for option in options if option.keyword in keywords]
+
+    named, times = of("loadcase"), of("time step")
+    steps = of(FIXED, ADAPTIVE, *_OTHER_STEPPING)
     for other in steps[1:]:
         beside = f"beside `{steps[0].keyword}` on {steps[0].head.place}"
         raise other.head.refuse(f"a second way of stepping, `{other.keyword}`, {beside}")
-    time_step = times[-1] if times else None
-    name = (named or titled)[-1].name if named or titled else ""
-    active = tuple(name for option in named[-1:] for name in _active(option))
-    increments, period = _increments(step, time_step)
-    return LoadCase(number, name, active, step, time_step, increments, period, options[0].head)
+    name = next((option.name for option in reversed(named or of("title"))), "")
+    active = tuple(_all(named[-1:], _active))
+    stepping, time_step = next(iter(steps), None), next(reversed(times), None)
+    increments, period = _increments(stepping, time_step)
+    return LoadCase(number, name, active, stepping, time_step, increments, period, options[0].head)
 
 
 def _active(option: Option) -> list[str]:
     """Names of the conditions that act, as many as the first line says."""
     rows = option.data
-    with _in_shape(option):
-        return [rows[row + 1].word for row in range(rows[0].first_integer())] if rows else []
+    return [rows[row + 1].word for row in range(rows[0].first_integer())] if rows else []
 
 
 def _increments(
@@ -712,7 +707,7 @@ def _increments(
         return count, count * time_step.data[0].fields("r")[0]
 
 
-def _post(option: Option) -> Post:
+def _post(option: Option) -> Iterator[Post]:
     """The post file asked for.
 
         post
@@ -723,13 +718,12 @@ def _post(option: Option) -> Post:
     Fields of the first line: 1 element codes; 4 is 0 for binary, 1 for formatted; 9 every
     n-th increment; 13 nodal codes, where 0 stands for displacement and forces.
     """
-    with _in_shape(option):
-        first, *rows = [line for line in option.data if not line.blank]
-        head = first.integers()
-        head += [0] * (POST_NODAL + 1 - len(head))
-        codes = [line for line in rows if not line.lettered]
-        codes = [codes[row] for row in range(head[POST_COUNT])]
-    return Post(
+    first, *rows = [line for line in option.data if not line.blank]
+    head = first.integers()
+    head += [0] * (POST_NODAL + 1 - len(head))
+    codes = [line for line in rows if not line.lettered]
+    codes = [codes[row] for row in range(head[POST_COUNT])]
+    yield Post(
         tuple(line.fields("i")[0] for line in codes),
         tuple(line.fields("wi")[1] for line in rows if line.lettered),
         tuple(head),

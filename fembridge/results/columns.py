@@ -22,6 +22,7 @@ xx xy xz yy yz zz (xdmf.org, "XDMF Model and Format", Attribute).
 
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -262,44 +263,35 @@ class ColumnSource(Source):
 
     def _series(self) -> tuple[FloatArray, int, Frames]:
         """Points ``(P, 3)``, the count of outputs, and of each time and point arrays."""
-        meshio, path = _meshio(), self.path
-        try:
+        path = self.path
+        with _meshio(path) as meshio:
             if path.suffix.lower() == ".xdmf":
                 series = meshio.xdmf.TimeSeriesReader(path)
                 points, _ = series.read_points_cells()
                 count = series.num_steps
                 outputs = map(series.read_data, range(count))
                 frames: Frames = ((at, held) for at, held, _ in outputs)
-                return _in_space(points), count, self._checked(frames)
-            files = _files_of(path) if path.suffix.lower() == ".pvd" else [(0.0, path)]
-            first = self._mesh(files[0][1])
-            frames = ((at, self._mesh(file).point_data) for at, file in files)
-            return _in_space(first.points), len(files), self._checked(frames)
-        except (FembridgeError, MemoryError):
-            raise
-        except (Exception, SystemExit) as error:  # whatever meshio does of damage
-            raise self._damaged(error) from error
+            else:
+                files = _files_of(path) if path.suffix.lower() == ".pvd" else [(0.0, path)]
+                points, count = self._mesh(files[0][1]).points, len(files)
+                frames = ((at, self._mesh(file).point_data) for at, file in files)
+            there = np.zeros((len(points), 3))
+            there[:, : points.shape[1]] = points
+        return there, count, self._checked(frames)
 
     def _checked(self, frames: Frames) -> Frames:
-        try:
+        with _meshio(self.path):
             for at, arrays in frames:
                 for key, name in self.options.columns.items():
                     if not key.startswith("time") and name not in arrays:
                         raise ResultError(f"no {name} at {at:g}", self.path)
                 yield at, arrays
-        except (FembridgeError, MemoryError):
-            raise
-        except (Exception, SystemExit) as error:
-            raise self._damaged(error) from error
 
     def _mesh(self, path: Path) -> Any:  # noqa: ANN401 - meshio has no types
         if path.stat().st_size > _MOST_BYTES:
             raise ResultError(f"more than {_MOST_BYTES} bytes", path)
-        return _meshio().read(path)
-
-    def _damaged(self, error: BaseException) -> ResultError:
-        words = f"{type(error).__name__} {error}".strip()
-        return ResultError(f"no VTK or XDMF that can be read: {words[:120]}", self.path)
+        with _meshio(self.path) as meshio:
+            return meshio.read(path)
 
 
 class _Parts(NamedTuple):
@@ -330,12 +322,6 @@ def _tensors(values: FloatArray, path: Path, vtk: bool = True) -> FloatArray:
     return values if vtk or count == 1 else values[..., _XDMF_ORDER]
 
 
-def _in_space(points: FloatArray) -> FloatArray:
-    there = np.zeros((len(points), 3))
-    there[:, : points.shape[1]] = points
-    return there
-
-
 def _files_of(path: Path) -> list[tuple[float, Path]]:
     """Time and file of each entry of a PVD, which may not leave its folder."""
     sets = ElementTree.fromstring(read_bytes(path, 1 << 24, UsageError)).iter("DataSet")
@@ -348,9 +334,17 @@ def _files_of(path: Path) -> list[tuple[float, Path]]:
     return found
 
 
-def _meshio() -> Any:  # noqa: ANN401 - a module without types
+@contextmanager
+def _meshio(path: Path) -> Iterator[Any]:
+    """The library that reads `path`; whatever it does of damage is one refusal."""
     try:
         import meshio
     except ImportError as error:
         raise MissingError("no meshio to read VTK or XDMF with: pip install meshio") from error
-    return meshio
+    try:
+        yield meshio
+    except (FembridgeError, MemoryError):
+        raise
+    except (Exception, SystemExit) as error:
+        words = f"{type(error).__name__} {error}".strip()[:120]
+        raise ResultError(f"no VTK or XDMF that can be read: {words}", path) from error
