@@ -42,7 +42,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fembridge.errors import DeckError, ResultError
-from fembridge.results.fields import Scene, SceneCells, numbers_near
+from fembridge.results.fields import Scene, SceneCells, numbers_near, rows_of
 from fembridge.results.marc_post import PostMesh
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
@@ -323,28 +323,22 @@ class MeshPoints:
     ) -> None:
         self.mesh, self.path, self._method, self._stored = mesh, path, method, stored
         self.layers = layers_of(mesh, path)
-        self._size = mesh.node_ids.size
-        self._order = np.argsort(mesh.node_ids, kind="stable")
         self.element_rows: IntArray = np.arange(mesh.element_ids.size)
         if wanted is not None:
-            touched = np.isin(mesh.connectivity, wanted).any(axis=1)
-            self.element_rows = np.flatnonzero(touched)
+            self.element_rows = np.flatnonzero(np.isin(mesh.connectivity, wanted).any(axis=1))
         types = mesh.element_types[self.element_rows]
-        self.unknown_types: list[int] = np.unique(
-            types[~np.isin(types, list(ELEMENT_TYPES))]
-        ).tolist()
+        unknown = types[~np.isin(types, list(ELEMENT_TYPES))]
+        self.unknown_types: list[int] = np.unique(unknown).tolist()
         self._groups = list(self._grouped())
-        keys = [self._keys_of(one) for one in self._groups]
-        if wanted is not None:
-            keys = [
-                key[np.isin(one.nodes, wanted)] for key, one in zip(keys, self._groups, strict=True)
-            ]
-        every = [np.empty(0, np.int64), *(key.ravel() for key in keys)]
-        self._keys: IntArray = np.unique(np.concatenate(every))
-        self.rows: IntArray = self._keys % max(self._size, 1)
+        keys = [np.empty(0, np.int64)]
+        for one in self._groups:
+            here = slice(None) if wanted is None else np.isin(one.nodes, wanted)
+            keys.append(one.keys[here].ravel())
+        self._keys: IntArray = np.unique(np.concatenate(keys))
+        self._layer, self.rows = np.divmod(self._keys, max(mesh.node_ids.size, 1))
         self.nodes: IntArray = mesh.node_ids[self.rows]
-        self.met: IntArray = np.bincount(self.rows, minlength=self._size)[self.rows]
-        self.bearing: BoolArray = np.zeros(self._size, dtype=bool)
+        self.met: IntArray = np.bincount(self.rows, minlength=mesh.node_ids.size)[self.rows]
+        self.bearing: BoolArray = np.zeros(mesh.node_ids.size, dtype=bool)
         self.bearing[self.rows] = True
 
     def _grouped(self) -> Iterator["_Group"]:
@@ -357,16 +351,17 @@ class MeshPoints:
             corners = count if self._method == "average" else 0  # of an unknown type
             if about is not None:
                 corners = about.nodes if count >= about.nodes else 0
-            group = _Group(number, count, corners, some, mesh.connectivity[some][:, :corners])
-            absent = np.argwhere(~np.isin(group.nodes, mesh.node_ids))
-            if absent.size:
-                k, corner = absent[0]
+            nodes = mesh.connectivity[some][:, :corners]
+            row = rows_of(nodes, mesh.node_ids)
+            if (row < 0).any():
+                k, corner = np.argwhere(row < 0)[0]
                 raise ResultError(
-                    f"element {mesh.element_ids[some[k]]} has node {group.nodes[k, corner]}, which "
+                    f"element {mesh.element_ids[some[k]]} has node {nodes[k, corner]}, which "
                     "has no coordinates in the file",
                     self.path,
                 )
-            yield group
+            layer = self.layers.layer[some, None]
+            yield _Group(number, count, some, nodes, layer * mesh.node_ids.size + row)
 
     def names_at(self, node: int) -> list[str]:
         """Names of the layers at a node."""
@@ -375,13 +370,8 @@ class MeshPoints:
     def sides(self) -> Iterator[tuple[int, tuple[int, ...]]]:
         """The layer of each point, and the elements of that layer there."""
         for key, layer in zip(self._keys.tolist(), self._layer.tolist(), strict=True):
-            at = [one.rows[(self._keys_of(one) == key).any(axis=1)] for one in self._groups]
+            at = [one.rows[(one.keys == key).any(axis=1)] for one in self._groups]
             yield layer, tuple(self.mesh.element_ids[np.sort(np.concatenate(at))].tolist())
-
-    @property
-    def _layer(self) -> IntArray:
-        layer: IntArray = self._keys // max(self._size, 1)
-        return layer
 
     def pressure_nodes(self) -> BoolArray:
         """Nodes that only come behind the corners of elements, ``(N,)``."""
@@ -394,12 +384,11 @@ class MeshPoints:
         """The mesh as pictures want it."""
         cells: dict[str, list[tuple[IntArray, IntArray, IntArray]]] = {}
         for one in self._groups:
-            if one.number in self.unknown_types or not one.corners:
+            if one.number in self.unknown_types or not one.keys.size:
                 continue
             shape = ELEMENT_TYPES[one.number].shape
-            corners = np.searchsorted(self._keys, self._keys_of(one))
-            rows = corners[:, FRD_ORDER.get(shape, slice(None))]
-            cell = self.mesh.element_ids[one.rows], self.layers.layer[one.rows], rows
+            corners = np.searchsorted(self._keys, one.keys)[:, FRD_ORDER.get(shape, slice(None))]
+            cell = self.mesh.element_ids[one.rows], self.layers.layer[one.rows], corners
             cells.setdefault(shape, []).append(cell)
         return Scene(
             points_mm=self.mesh.coordinates_mm[self.rows],
@@ -440,12 +429,11 @@ class MeshPoints:
                 element = self.mesh.element_ids[one.rows[0]]
                 raise ResultError(f"element {element}: {error}", self.path) from error
             used = (weights != 0).any(axis=0)
-            keys = self._keys_of(one)
-            here = np.isin(keys, self._keys)
+            here = np.isin(one.keys, self._keys)
             groups.append(
                 (np.searchsorted(self.element_rows, one.rows), weights[:, used], used, here)
             )
-            at.append(np.searchsorted(self._keys, keys[here]))
+            at.append(np.searchsorted(self._keys, one.keys[here]))
             # An element that is collapsed has a node at two corners: with the mean of both.
             times = (one.nodes[:, :, None] == one.nodes[:, None, :]).sum(axis=2)
             share.append(1.0 / times[here])
@@ -466,12 +454,6 @@ class MeshPoints:
         single = layers[place] == 1
         found[place[single]] = at_points[single]
         return rows, found
-
-    def _keys_of(self, one: "_Group") -> IntArray:
-        """Layer and row of the corners of elements as one number."""
-        place = np.searchsorted(self.mesh.node_ids, one.nodes, sorter=self._order)
-        keys: IntArray = self.layers.layer[one.rows, None] * self._size + self._order[place]
-        return keys
 
     def no_elements(self, node: int) -> ResultError:
         """The error of a node that is at no element with values."""
@@ -510,15 +492,15 @@ class MeshPoints:
 class _Group(NamedTuple):
     """Elements of one type: rows ``(K,)``, and the nodes ``(K, corner)`` that have values.
 
-    `held` counts an element's nodes, pressure nodes among them; without `corners` it is not
-    known where its points lie.
+    `held` counts an element's nodes, pressure nodes among them; there are no corners where it
+    is not known where its points lie. `keys` are layer and row of each corner as one number.
     """
 
     number: int
     held: int
-    corners: int
     rows: IntArray
     nodes: IntArray
+    keys: IntArray
 
 
 class _Plan(NamedTuple):
