@@ -38,7 +38,7 @@ def run(case: str, size: int, folder: Path) -> None:
         write(path, _DAT_HEADER.format(0.5), rows)
     from fembridge.cli import main as fembridge
     from fembridge.results.mentat import read_plot_tables
-    from fembridge.results.printed import read_sections
+    from fembridge.results.printed import read_point_stress
     from fembridge.tables import read_traces
     from neural import PUBLISHED, encode
 
@@ -60,7 +60,7 @@ def run(case: str, size: int, folder: Path) -> None:
     elif case == "mentat":
         read_plot_tables(path)
     else:
-        read_sections(path, "stresses")
+        read_point_stress(path)
     seconds = time.process_time() - begin
     print(seconds, resident_mb("VmHWM") - before)
 

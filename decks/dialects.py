@@ -149,7 +149,7 @@ DIALECTS = {
             result_kinds=("binary",),
             probes=("meshed",),
             contact=("formulation", "stiffness_mpa_per_mm", "friction"),
-            target="decks.abaqus:abaqus_deck",
+            target="decks.keyword_deck:abaqus_deck",
             how_to_run=f"abaqus job={JOB}, then its von Mises stress to fembridge "
             "encode, as a table time_ms,afferent,node,von_mises_pa",
             frames=True,

@@ -1,6 +1,8 @@
 """Decks of keywords, for CalculiX and Abaqus: the lines of numbers, and what fills the template.
 
-``keyword_deck.inp.j2`` is what both have in common. ccx cuts a number at 20 characters
+``keyword_deck.inp.j2`` is what both have in common; ``abaqus.inp.j2`` is all that Abaqus's
+decks need beside it, CalculiX's are in `decks.calculix`. No Abaqus was at hand: its deck rests on
+its keyword reference, and was parsed back, not run. ccx cuts a number at 20 characters
 without a word and takes at most 16 entries a line, of an amplitude four pairs.
 """
 
@@ -11,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from decks.analysis import Analysis, ElementSet
-from decks.dialects import template
+from decks.dialects import DeckOptions, template
 from decks.motion import Phase
 from fembridge.typing import FloatArray, IntArray
 
@@ -103,6 +105,27 @@ def keyword_deck(
         branches=branches,
         **LINES,
         **words,
+    )
+
+
+def abaqus_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> str:  # noqa: B008 - frozen
+    """Write `analysis` as a deck for Abaqus/Standard.
+
+    Displacement and stress go to the ``.odb`` in every increment; von Mises
+    stress, averaged at the nodes around each afferent, is printed to the ``.dat``. Every
+    `options.frames` samples the whole field goes to the ``.odb`` too.
+    """
+    model = analysis.whole()
+    around = {
+        name: np.concatenate(
+            [layer.number[(layer.node == node).any(axis=1)] for layer in model.layers]
+        )
+        for name, node in model.afferent.items()
+    }
+    steps = [(phase, False) for phase in model.motion.phases]
+    sections = (*model.layers, model.probe)
+    return keyword_deck(
+        "abaqus.inp.j2", model, sections, steps, around=around, frames=options.frames
     )
 
 

@@ -106,19 +106,15 @@ def dat_sections(
     statistics: re.Match[str] | None = None
     mode, over_time, foreign = None, True, ""
     for number, line, ended in text_runs(path):
-        if not isinstance(line, str):
-            if now is not None:
-                records.append((number, line))
-            continue
-        if not ended:
-            words = f"cut inside a line: {line[:40]!r}"
-            options.refuse(words, path, number)
+        if isinstance(line, str) and not ended:
+            options.refuse(f"cut inside a line: {line[:40]!r}", path, number)
             break
-        if not line.strip():
-            continue
-        if not line.lstrip()[0].isalpha() or _ODD_VALUE.match(line[-_VALUE_WIDTH:]):
+        if not isinstance(line, str) or _is_record(line):
             if now is not None:
                 records.append((number, line))
+            continue
+        text = line.rstrip()
+        if not text:
             continue
         if now is not None:
             yield _filled(now, records, path)
@@ -126,7 +122,6 @@ def dat_sections(
         eigen = _MODE.match(line)
         if eigen or _FREQUENCY.fullmatch(line):
             mode, over_time = int(eigen[1]) if eigen else None, False
-        text = line.rstrip()
         head = _STATISTICS.fullmatch(text[:_LONGEST_HEADER])
         if head is not None:
             statistics = head
@@ -149,6 +144,12 @@ def dat_sections(
         yield _filled(now, records, path)
     if foreign:
         options.note(f"tables of another kind are left out, {foreign}")
+
+
+def _is_record(line: str) -> bool:
+    """Whether a line begins with a number, or ends in NaN."""
+    first = line.lstrip()[:1]
+    return bool(first) and (not first.isalpha() or bool(_ODD_VALUE.match(line[-_VALUE_WIDTH:])))
 
 
 Opened = tuple[str, str, tuple[str, ...], tuple[str, ...], str]
@@ -254,24 +255,6 @@ def _named(quantity: str, set_name: str) -> str:
     return f"{quantity} for {of_set(set_name)}"
 
 
-def read_sections(
-    path: Path, quantity: str, set_name: str | None = None, options: ReadOptions = _DEFAULTS
-) -> list[DatSection]:
-    """All sections of `quantity` ("forces", "stresses", ...), in file order."""
-    held: dict[str, None] = {}
-    asked = None if set_name is None else set_name.casefold()
-
-    def wanted(name: str, of: str) -> bool:
-        held[_named(name, of)] = None
-        return name == quantity and asked in (None, of.casefold())
-
-    sections = list(dat_sections(path, wanted, options))
-    if not sections:
-        words = quantity if set_name is None else f"{quantity} for set {set_name}"
-        raise ResultError(f"no {words} in it, it holds {'; '.join(held) or 'nothing'}", path)
-    return sections
-
-
 def read_node_print(
     path: Path, quantity: str, set_name: str, options: ReadOptions = _DEFAULTS
 ) -> tuple[FloatArray, IntArray, FloatArray]:
@@ -332,7 +315,17 @@ def _history(
     path: Path, quantity: str, set_name: str | None, options: ReadOptions
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Times ``(T,)`` in ms, labels, and values ``(T, record, column)`` of one set."""
-    sections = read_sections(path, quantity, set_name, options)
+    held: dict[str, None] = {}
+    asked = None if set_name is None else set_name.casefold()
+
+    def wanted(name: str, of: str) -> bool:
+        held[_named(name, of)] = None
+        return name == quantity and asked in (None, of.casefold())
+
+    sections = list(dat_sections(path, wanted, options))
+    if not sections:
+        words = quantity if set_name is None else f"{quantity} for set {set_name}"
+        raise ResultError(f"no {words} in it, it holds {'; '.join(held) or 'nothing'}", path)
     first = sections[0]
     sets = list(dict.fromkeys(section.set_name for section in sections))
     if len(sets) > 1:

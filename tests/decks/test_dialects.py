@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from decks.abaqus import abaqus_deck
 from decks.dialects import DIALECTS, DeckOptions, dialect_named
 from decks.finger import PronyTerm
+from decks.keyword_deck import abaqus_deck
 from decks.presets import QUICK
 from fembridge.cli import main
 from fembridge.errors import DeckError, UsageError
