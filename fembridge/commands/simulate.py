@@ -69,11 +69,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.store import remove_file
 
     require_libraries(args.export)
+    finger = read_finger(args.finger)
     # A map is of the finger as it is at once.
-    check_finger(args.output, finger_table(read_finger(args.finger).at_once()))
+    check_finger(args.output, finger_table(finger.at_once()))
     notes = Notes()
     with SolverBars() as bars:
-        words = {**words_of(args, simulate), "probe": probe_from(args)}
+        words = {**words_of(args, simulate), "finger": finger, "probe": probe_from(args)}
         simulation = simulate(**words, log=notes, on_progress=bars)
     exported = exports(Recording.of(simulation), args.export) if args.export else {}
     simulation.write(args.output, plot=not args.no_plot, more=exported)
