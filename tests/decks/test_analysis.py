@@ -53,7 +53,7 @@ def test_a_contact_that_no_solver_takes_is_a_deck_error(wrong):
 # ---- The half
 
 
-def test_a_half_has_the_numbers_of_the_whole_and_none_from_the_left(both):
+def test_a_half_has_the_numbers_of_the_whole_none_from_the_left_and_an_axis(both):
     whole, half = both
     assert np.array_equal(half.node_mm, whole.node_mm)
     right = {n for n, (x, _) in enumerate(whole.node_mm, start=1) if x >= 0}
@@ -66,10 +66,6 @@ def test_a_half_has_the_numbers_of_the_whole_and_none_from_the_left(both):
     faces = {tuple(face) for face in whole.contact_face.tolist() if face[0] in elements}
     assert {tuple(face) for face in half.contact_face.tolist()} == faces
     assert 2 * len(faces) == len(whole.contact_face)
-
-
-def test_the_axis_of_a_half_is_at_x_0_and_a_whole_has_none(both):
-    whole, half = both
     there = [n for n, (x, _) in enumerate(whole.node_mm, start=1) if x == 0]
     assert half.axis.tolist() == there
     assert len(there) > 10
@@ -109,9 +105,6 @@ def test_a_mesh_with_one_node_moved_is_no_mirror_image(way_mm, same, short):
     moved_mm[row, 0] += way_mm
     analysis = replace(half_of(short), mesh=Mesh(moved_mm, SKIN.quad, SKIN.layer))
     assert analysis.is_half == same
-
-
-def test_a_mesh_with_one_element_of_another_layer_is_no_mirror_image(short):
     layer = SKIN.layer.copy()
     layer[int(np.argmax(SKIN.in_layer("dermis")))] += 1
     assert not replace(half_of(short), mesh=Mesh(SKIN.node_mm, SKIN.quad, layer)).is_half

@@ -129,9 +129,3 @@ def test_the_first_node_touched_is_nearer_the_probe_than_any_other(probe):
     gap_mm = np.interp(SKIN.node_mm[under, 0], *lower_mm.T) - SKIN.node_mm[under, 1]
     if under.size:
         assert row in under[gap_mm < gap_mm.min() + 1e-6]
-
-
-def test_under_a_flat_punch_aside_it_is_not_the_punchs_corner():
-    """From 2 mm the skin falls away: the corner nearest the apex touches first."""
-    row = mesh_probe(Probe("flat", 2.0, 0.2, x_mm=3.0), SKIN)[1]
-    assert 2.0 <= SKIN.node_mm[row, 0] < 2.6

@@ -26,15 +26,12 @@ def test_a_run_in_an_odd_folder_is_like_any_other(fake_ccx, make_run, capsys, as
     assert (folder / "job.frd").read_text().endswith(" 9999\n")
 
 
-def test_an_odd_folder_gives_the_same_results_and_nothing_beside_them(
-    tmp_path, monkeypatch, files_below
-):
-    monkeypatch.chdir(tmp_path)
+def test_an_odd_folder_gives_the_same_results_and_nothing_beside_them(here, files_below):
     words = ["simulate", "--stored", "--no-plot", "--stimulus", "sine_20_250", "-o"]
     for output in ("plain", f"{NAMES['200 characters']}/{NAMES['quotes']}"):
         assert main([*words, output]) == 0
 
-    found = files_below(tmp_path)
+    found = files_below(here)
     plain = {name: found.pop(f"plain/{name}") for name in files_below(Path("plain"))}
     odd = {name.rpartition("/")[2]: content for name, content in found.items()}
     assert odd == plain

@@ -198,20 +198,18 @@ def test_what_is_fitted_lies_inside_what_is_searched():
 
 
 @pytest.mark.parametrize("name", ["own.toml", "own", "own.txt"])
-def test_a_file_is_read_by_its_path_whatever_it_is_called(tmp_path, monkeypatch, name):
+def test_a_file_is_read_by_its_path_whatever_it_is_called(here, name):
     text = tomli_w.dumps(parameters_to_table(PUBLISHED))
-    (tmp_path / name).write_text(text, encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
+    (here / name).write_text(text, encoding="utf-8")
 
-    for word in (name, f"./{name}", str(tmp_path / name)):
+    for word in (name, f"./{name}", str(here / name)):
         own = parameter_set(word)
         assert own.name == "own"
         assert dict(own.parameters) == dict(PUBLISHED)
 
 
-def test_a_shipped_name_wins_over_a_file_of_that_name(tmp_path, monkeypatch):
-    (tmp_path / "published").write_text("base = 'fitted'\n[SA]\ntau_ms = 1.0\n", encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
+def test_a_shipped_name_wins_over_a_file_of_that_name(here):
+    (here / "published").write_text("base = 'fitted'\n[SA]\ntau_ms = 1.0\n", encoding="utf-8")
 
     assert parameter_set("published").parameters is PUBLISHED
     own = parameter_set("./published")
@@ -249,17 +247,15 @@ def test_a_file_that_makes_no_parameters_is_refused_by_name(file_of, text, named
     assert "\n" not in str(caught.value)
 
 
-def test_a_file_of_a_name_alone_leads_to_no_other_file(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "own.toml").write_text('name = "own.toml"\n', encoding="utf-8")
+def test_a_file_of_a_name_alone_leads_to_no_other_file(here):
+    (here / "own.toml").write_text('name = "own.toml"\n', encoding="utf-8")
 
     with pytest.raises(ParameterError, match=r"^own\.toml: no parameter set 'own\.toml'"):
         parameter_set("own.toml")
 
 
-def test_what_is_no_set_and_no_file_is_named(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "sets").mkdir()
+def test_what_is_no_set_and_no_file_is_named(here):
+    (here / "sets").mkdir()
     for word in ("absent.toml", "sets", "sets/absent.toml"):
         with pytest.raises(ParameterError, match=rf"^{re.escape(word)}: "):
             parameter_set(word)

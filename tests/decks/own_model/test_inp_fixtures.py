@@ -20,7 +20,8 @@ from fembridge.results.readers import read_values
 from fembridge.stimulus import Stimulus
 
 FIXTURES = Path(__file__).parents[3] / "fixtures"
-DECKS = sorted(FIXTURES.rglob("*.inp"))
+# Those of `paper` are as those of `quick`, and large.
+DECKS = sorted(path for path in FIXTURES.rglob("*.inp") if "paper" not in path.parent.name)
 MOTION = Motion(np.arange(5) * 5e-4, np.array([0.0, 0.1, 0.2, 0.1, 0.0]), 5e-4, 0)
 REFUSED = {
     "cpe4_2step_mixed": "several amplitudes move something: PRESS (line 141), P2",

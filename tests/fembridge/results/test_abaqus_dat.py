@@ -95,9 +95,9 @@ def test_a_second_step_begins_where_the_first_ended(dat):
     assert_allclose(trace.stress_pa, [1e6, 2e6, 3e6, 4e6], rtol=1e-12)
 
 
-def test_our_deck_s_run_folder_gives_the_afferents_by_their_own_elements(tmp_path, monkeypatch):
+def test_our_deck_s_run_folder_gives_the_afferents_by_their_own_elements(here):
     """A node may be printed for the elements of another afferent, with a part of its own."""
-    (run,) = build_deck("sine_20_250", tmp_path, solver="abaqus", preindent_um=0)
+    (run,) = build_deck("sine_20_250", here, solver="abaqus", preindent_um=0)
     replace(run, increments=60).write()
     nodes = {one.afferent: one.node for one in run.afferents}
     parts = []
@@ -112,15 +112,14 @@ def test_our_deck_s_run_folder_gives_the_afferents_by_their_own_elements(tmp_pat
         tables.append(table(name, "NODE ", ["RF2"], force, tail="\n TOTAL   0.7500\n"))
         parts.append(increment(k, 0.0005, tables))
     (run.folder / "job.dat").write_text(TITLE + "".join(parts) + END)
-    monkeypatch.chdir(tmp_path)
     assert main(["ingest", str(run.folder), "-o", "traces.csv"]) == 0
-    traces = read_traces(tmp_path / "traces.csv")
+    traces = read_traces(here / "traces.csv")
     assert [one.afferent for one in traces] == ["SA", "RA", "PC"]
     assert (traces[0].start_ms, traces[0].stress_pa.size) == (0.0, 61)
     assert_allclose(traces[0].stress_pa, np.arange(61) * 1e3, rtol=6e-4)
     words = ["--quantity", "total forces", "-o", "f.csv"]
     assert main(["ingest", str(run.folder / "job.dat"), *words]) == 0
-    with (tmp_path / "f.csv").open(newline="") as file:
+    with (here / "f.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     found = [rows[0][name] for name in ("set", "value", "unit")]
     assert (len(rows), found) == (60, ["PROBE", "0.75", "N"])

@@ -34,9 +34,8 @@ def rows(separator, *columns):
         ("\ufefft\tS_kpa\r\n", "\t", ("t", "S_kpa"), 1e3),
     ],
 )
-def test_a_table_of_one_place_is_a_trace(tmp_path, head, separator, columns, factor):
-    path = tmp_path / "them.csv"
-    path.write_text(head + rows(separator, TIMES_S, STRESS_MPA), encoding="utf-8")
+def test_a_table_of_one_place_is_a_trace(file, head, separator, columns, factor):
+    path = file("them.csv", head + rows(separator, TIMES_S, STRESS_MPA))
     (trace,) = read(path, columns=dict(zip(("time", "value"), columns, strict=True)))
     assert (trace.node, trace.start_ms) == (1, 0.0)
     assert trace.dt_ms == pytest.approx(0.5)
@@ -50,14 +49,15 @@ def test_a_table_of_one_place_is_a_trace(tmp_path, head, separator, columns, fac
     assert caught.value.line == len(path.read_text().splitlines())
 
 
-def test_nodes_afferents_and_a_tensor_in_any_order_of_rows(tmp_path):
+def test_nodes_afferents_and_a_tensor_in_any_order_of_rows(file):
     table = [
         (1000 * t, node, word, *(s * node * TENSOR))
         for node, word in ((9, "RA"), (7, "SA"))
         for t, s in zip(TIMES_S, STRESS_MPA, strict=True)
     ]
-    path = tmp_path / "them.csv"
-    path.write_text("ms,N,who,SXX,SYY,SZZ,SXY,SYZ,SZX\n" + rows(",", *zip(*table, strict=True)))
+    path = file(
+        "them.csv", "ms,N,who,SXX,SYY,SZZ,SXY,SYZ,SZX\n" + rows(",", *zip(*table, strict=True))
+    )
     names = {"time_ms": "ms", "node": "N", "afferent": "who", **SIX}
     traces = read(path, columns=names)
     assert [(one.node, one.afferent) for one in traces] == [(7, "SA"), (9, "RA")]
@@ -71,18 +71,16 @@ def test_nodes_afferents_and_a_tensor_in_any_order_of_rows(tmp_path):
     ("name", "pa"), [("S [GPa]", 1e9), ("S (N/m^2)", 1.0), ("S [N/mm²]", 1e6), ("S_vm", 1e6),
                      ("S (von-Mises)", 1e6)],
 )  # fmt: skip
-def test_the_unit_in_a_name_is_taken(tmp_path, name, pa):
-    path = tmp_path / "them.csv"
-    path.write_text(f"t_s,{name}\n0,1\n1,2\n", encoding="utf-8")
+def test_the_unit_in_a_name_is_taken(file, name, pa):
+    path = file("them.csv", f"t_s,{name}\n0,1\n1,2\n")
     names = {"time": "t_s", "value": name}
     assert read(path, columns=names)[0].stress_pa.tolist() == [pa, 2 * pa]
     other = read(path, columns=names, stress_unit="kPa")[0].stress_pa[0]
     assert other == (1e3 if name in ("S_vm", "S (von-Mises)") else pa)  # the name goes before
 
 
-def test_a_unit_that_is_none_of_stress_or_time_is_refused_with_the_way_out(tmp_path):
-    path = tmp_path / "them.csv"
-    path.write_text("t_s,t [min],S [furlong],force_n\n0,0,1,1\n1,1,2,2\n")
+def test_a_unit_that_is_none_of_stress_or_time_is_refused_with_the_way_out(file):
+    path = file("them.csv", "t_s,t [min],S [furlong],force_n\n0,0,1,1\n1,1,2,2\n")
     for name in ("S [furlong]", "force_n"):
         names = {"time": "t_s", "value": name}
         with pytest.raises(UsageError, match=r"expected Pa, .*--stress-unit"):
@@ -99,9 +97,8 @@ def test_a_unit_that_is_none_of_stress_or_time_is_refused_with_the_way_out(tmp_p
         read_traces(path, columns={"time": "t [min]", **names}, gain_pa=1.0)
 
 
-def test_node_and_afferent_are_found_by_their_names_as_encode_finds_them(tmp_path):
-    path = tmp_path / "them.csv"
-    path.write_text("t_s,node,afferent,S_pa\n0,9,RA,1\n1,9,RA,2\n0,7,SA,3\n1,7,SA,4\n")
+def test_node_and_afferent_are_found_by_their_names_as_encode_finds_them(file):
+    path = file("them.csv", "t_s,node,afferent,S_pa\n0,9,RA,1\n1,9,RA,2\n0,7,SA,3\n1,7,SA,4\n")
     names = {"time": "t_s", "value": "S_pa"}
     whose = [
         {(one.node, one.afferent, *one.stress_pa) for one in reader(path, columns=names)}
@@ -119,9 +116,8 @@ def test_nodes_that_another_program_numbers_from_0_go_through_to_spikes(tmp_path
     assert [trace.node for trace in read_traces(out)] == [0, 1]
 
 
-def test_a_packed_table_is_read_as_it_is_and_its_errors_name_it(tmp_path):
-    path = tmp_path / "them.csv.gz"
-    path.write_bytes(gzip.compress(b"t_s,S_mpa\n0,1\n1,2\n"))
+def test_a_packed_table_is_read_as_it_is_and_its_errors_name_it(file):
+    path = file("them.csv.gz", gzip.compress(b"t_s,S_mpa\n0,1\n1,2\n"))
     (trace,) = read(path, columns={"time": "t_s", "value": "S_mpa"})
     assert_array_equal(trace.stress_pa, [1e6, 2e6])
     path.write_bytes(gzip.compress(b"t_s,S_mpa\n0,1\n1,x\n"))
@@ -160,9 +156,8 @@ def test_our_own_series_comes_back_in(samples, tmp_path):
 
 
 @pytest.mark.parametrize("array", ["mises", "six", "nine"])
-def test_an_xdmf_series_is_read_with_its_own_order_of_tensors(tmp_path, monkeypatch, array):
-    monkeypatch.chdir(tmp_path)  # where meshio puts the HDF5
-    path = tmp_path / "them.xdmf"
+def test_an_xdmf_series_is_read_with_its_own_order_of_tensors(here, array):
+    path = here / "them.xdmf"  # meshio puts the HDF5 into the current folder
     points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
     xx, yy, zz, xy, yz, zx = TENSOR
     nine = np.array([xx, xy, zx, xy, yy, yz, zx, yz, zz])
@@ -198,9 +193,8 @@ def test_an_xdmf_series_is_read_with_its_own_order_of_tensors(tmp_path, monkeypa
         ("t,S\n", {"time": "t", "value": "S"}, "a header and no rows"),
     ],
 )  # fmt: skip
-def test_what_a_table_lacks_is_named(tmp_path, text, names, words):
-    path = tmp_path / "them.csv"
-    path.write_text(text)
+def test_what_a_table_lacks_is_named(file, text, names, words):
+    path = file("them.csv", text)
     with pytest.raises(FembridgeError, match=words):
         read(path, [1], columns=names)
 
@@ -246,9 +240,8 @@ def test_a_pvd_does_not_leave_its_folder(samples, tmp_path):
         read(series, [1], columns={"time_ms": "t", "value": "von_mises_pa"})
 
 
-def test_whole_fields_of_a_table_are_refused(tmp_path, capsys):
-    path = tmp_path / "them.csv"
-    path.write_text("t,S\n0,1\n1,2\n")
+def test_whole_fields_of_a_table_are_refused(tmp_path, capsys, file):
+    path = file("them.csv", "t,S\n0,1\n1,2\n")
     for words in itertools.product(["--field", "--vtu"], [str(tmp_path / "x")]):
         assert main(["ingest", str(path), *words, "--columns", "time=t,value=S"]) == 2
         assert "it gives histories at nodes, no whole fields" in capsys.readouterr().err
@@ -256,12 +249,11 @@ def test_whole_fields_of_a_table_are_refused(tmp_path, capsys):
         read(path, near_mm=[(0, 0)], columns={"time": "t", "value": "S"})
 
 
-def test_the_command_lists_writes_and_what_it_wrote_is_encoded(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_the_command_lists_writes_and_what_it_wrote_is_encoded(here, file, capsys):
     text = "t,S,who,n\n" + "".join(
         f"{t},{s},SA,3\n" for t, s in zip(TIMES_S, STRESS_MPA, strict=True)
     )
-    (tmp_path / "them.csv").write_text(text)
+    file("them.csv", text)
     assert main(["ingest", "them.csv"]) == 0
     assert "--columns time=NAME,value=NAME; it holds t, S, who, n" in capsys.readouterr().out
     names = "time=t,value=S,afferent=who,node=n"

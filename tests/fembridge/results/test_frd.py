@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from opened import mesh_of, read_field
@@ -480,16 +480,16 @@ ELEMENTS = st.lists(
 )
 
 
-@settings(deadline=None)
 @given(
     kinds=ELEMENTS,
     mesh_flag=st.sampled_from([1, 2]),
     line_end=st.sampled_from(["\n", "\r\n"]),
     runs=st.integers(1, 40),
+    chunk_bytes=st.sampled_from([300, 997, 1 << 20]),
     seed=st.integers(0, 99),
 )
 def test_any_mix_of_elements_is_read_as_it_was_written(
-    write_frd, kinds, mesh_flag, line_end, runs, seed
+    write_frd, kinds, mesh_flag, line_end, runs, chunk_bytes, seed
 ):
     rng, nodes = np.random.default_rng(seed), [3, 1, *range(7, 50)]
     elements = [
@@ -500,40 +500,26 @@ def test_any_mix_of_elements_is_read_as_it_was_written(
     if mesh_flag == 2:
         line_end = "\n"  # among packed numbers it would be one of them
     path = write_frd([], nodes=nodes, elements=elements, mesh_flag=mesh_flag, line_end=line_end)
-    grid = mesh_of(path)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("fembridge.results.frd.CHUNK_BYTES", chunk_bytes)
+        patch.setattr("fembridge.results.frd._TEXT_BYTES", chunk_bytes)
+        grid = mesh_of(path)
     assert grid.nodes.tolist() == nodes
     assert grid.points_mm.tolist() == [[node, 0, 0] for node in nodes]
     assert grid.materials == {1: "EPI", 2: "DER"}
-    numbered = [(number, *row) for number, row in enumerate(elements, start=1)]
+    kept = [(KIND_OF_TYPE[kind], number, *of) for number, (kind, *of) in enumerate(elements, 1)]
     assert [cells.kind for cells in grid.cells] == [
         KIND_OF_TYPE[kind] for kind in sorted({kind for kind, _, _ in elements})
     ]
     for cells in grid.cells:
-        mine = [row for row in numbered if KIND_OF_TYPE[row[1]] == cells.kind]
-        assert cells.ids.tolist() == [number for number, *_ in mine]
-        assert cells.material.tolist() == [material for _, _, material, _ in mine]
-        assert grid.nodes[cells.rows].tolist() == [corners for *_, corners in mine]
-    met = [
-        len({material for _, material, corners in elements if node in corners}) for node in nodes
-    ]
+        _, numbers, materials, corners = zip(
+            *(one for one in kept if one[0] == cells.kind), strict=True
+        )
+        assert cells.ids.tolist() == list(numbers)
+        assert cells.material.tolist() == list(materials)
+        assert grid.nodes[cells.rows].tolist() == list(corners)
+    met = [len({material for _, material, at in elements if node in at}) for node in nodes]
     assert grid.met.tolist() == met
-
-
-@pytest.mark.parametrize("mesh_flag", [1, 2])
-@pytest.mark.parametrize("chunk_bytes", [300, 997, 5000])
-def test_a_mesh_larger_than_a_chunk_is_read_whole(write_frd, mesh_flag, chunk_bytes, monkeypatch):
-    monkeypatch.setattr("fembridge.results.frd.CHUNK_BYTES", chunk_bytes)
-    monkeypatch.setattr("fembridge.results.frd._TEXT_BYTES", chunk_bytes)
-    nodes = list(range(1, 130))
-    elements = [(9, 1, range(k, k + 4)) for k in range(1, 99)]
-    elements[50:50] = [(4, 2, range(k, k + 20)) for k in range(1, 77)]
-    path = write_frd([], nodes=nodes, elements=elements, mesh_flag=mesh_flag)
-    mesh = mesh_of(path)
-    hex20, quad4 = mesh.cells
-    assert (hex20.kind, quad4.kind) == ("hex20", "quad4")
-    assert mesh.nodes[hex20.rows].tolist() == [list(range(k, k + 20)) for k in range(1, 77)]
-    assert mesh.nodes[quad4.rows].tolist() == [list(range(k, k + 4)) for k in range(1, 99)]
-    assert quad4.ids.tolist() == [*range(1, 51), *range(127, 175)]
 
 
 def test_the_mesh_of_a_sample_is_that_of_its_deck(samples):

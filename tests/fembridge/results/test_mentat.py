@@ -168,19 +168,17 @@ HISTORY = "Time Node 2\tEquivalent Von Mises Stress Node 2\n" + "".join(
     "damage",
     ["0.0x1\t101.25", "0.001", "0.001\t1x1.25", "0.001\t1\t2", "1\t-", "1\tnan", "1\t1e999"],
 )
-def test_a_damaged_row_is_refused_and_does_not_part_a_table(tmp_path, row, damage):
+def test_a_damaged_row_is_refused_and_does_not_part_a_table(file, row, damage):
     lines = HISTORY.splitlines()
     lines[row] = damage
-    path = tmp_path / "plot.txt"
-    path.write_text("\n".join(lines) + "\n")
+    path = file("plot.txt", "\n".join(lines) + "\n")
     with pytest.raises(ResultError) as refused:
         read(path, [2])
     assert refused.value.line == row + 1
 
 
-def test_a_text_that_is_cut_in_its_last_number_says_so(tmp_path):
-    path = tmp_path / "plot.txt"
-    path.write_text(HISTORY[:-2])
+def test_a_text_that_is_cut_in_its_last_number_says_so(file):
+    path = file("plot.txt", HISTORY[:-2])
     said = []
     (trace,) = read(path, [2], ReadOptions(log=said.append))
     assert trace.stress_pa[-1] == 111.2e6

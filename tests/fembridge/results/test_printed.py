@@ -312,9 +312,8 @@ def test_a_contact_print_may_have_fewer_records_at_the_end(dat):
     assert write_table(path, path.with_name("t.csv")) == 9
 
 
-def test_a_line_that_is_still_being_written_is_said(samples, tmp_path):
-    path = tmp_path / "job.sta"
-    path.write_bytes((samples / "cpe4_ascii.sta").read_bytes()[:-20])
+def test_a_line_that_is_still_being_written_is_said(samples, tmp_path, file):
+    path = file("job.sta", (samples / "cpe4_ascii.sta").read_bytes()[:-20])
     logged = []
     assert write_table(path, tmp_path / "t.csv", log=logged.append) == 3
     assert logged[0].startswith("line 6 has no end yet and is left out")

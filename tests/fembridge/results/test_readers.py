@@ -80,12 +80,11 @@ def plug(monkeypatch, value):
     monkeypatch.setattr("importlib.metadata.entry_points", lambda group: (point,))
 
 
-def test_another_package_adds_a_reader_under_the_entry_point(tmp_path, monkeypatch, samples):
+def test_another_package_adds_a_reader_under_the_entry_point(file, monkeypatch, samples):
     theirs = Reader("theirs", ".zzz", b"ZZZ", "fembridge.results.frd:FrdSource")
     monkeypatch.setattr("fembridge.results.THEIRS", theirs, raising=False)
     plug(monkeypatch, "fembridge.results:THEIRS")
-    path = tmp_path / "run.zzz"
-    path.write_bytes(b"ZZZ\n")
+    path = file("run.zzz", b"ZZZ\n")
     with ByteFile(path) as file:
         assert reader_of(file) is theirs
     with pytest.raises(ResultError):
@@ -100,13 +99,12 @@ def test_another_package_adds_a_reader_under_the_entry_point(tmp_path, monkeypat
     ],
 )
 def test_a_broken_plugin_is_named_and_spares_our_own_formats(
-    tmp_path, monkeypatch, samples, value, words
+    file, monkeypatch, samples, value, words
 ):
     plug(monkeypatch, value)
-    with ByteFile(samples / "cpe4_ascii.frd") as file:
-        assert reader_of(file) is READERS[0]
-    path = tmp_path / "run.zzz"
-    path.write_bytes(b"ZZZ\n")
+    with ByteFile(samples / "cpe4_ascii.frd") as ours:
+        assert reader_of(ours) is READERS[0]
+    path = file("run.zzz", b"ZZZ\n")
     with pytest.raises(ResultError, match=words):
         describe(path)
 
@@ -288,9 +286,8 @@ def test_traces_of_a_half_are_made_without_the_shear_on_its_axis(saying, by_numb
 
 
 @pytest.mark.parametrize("name", ["cpe4_ascii.frd", "cpe4_bin_f64.frd"])
-def test_a_packed_file_is_read_as_what_is_in_it(samples, tmp_path, name):
-    path = tmp_path / f"{name}.gz"
-    path.write_bytes(gzip.compress((samples / name).read_bytes()))
+def test_a_packed_file_is_read_as_what_is_in_it(samples, file, name):
+    path = file(f"{name}.gz", gzip.compress((samples / name).read_bytes()))
     (packed,), (plain,) = read(path, [25]), read(samples / name, [25])
     assert packed.stress_pa.tolist() == plain.stress_pa.tolist()
     path.write_bytes(path.read_bytes()[:-20])
@@ -298,10 +295,9 @@ def test_a_packed_file_is_read_as_what_is_in_it(samples, tmp_path, name):
         read(path, [25])
 
 
-def test_a_bomb_is_unpacked_up_to_a_bound(tmp_path, monkeypatch):
+def test_a_bomb_is_unpacked_up_to_a_bound(file, monkeypatch):
     monkeypatch.setattr("fembridge.results.byte_file._ALWAYS_UNPACKED", 1 << 16)
-    path = tmp_path / "job.frd.gz"
-    path.write_bytes(gzip.compress(bytes(1 << 24)))
+    path = file("job.frd.gz", gzip.compress(bytes(1 << 24)))
     with pytest.raises(ResultError, match="unpacks to more than 100 times its 16"):
         read(path, [25])
 

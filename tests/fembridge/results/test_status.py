@@ -36,11 +36,12 @@ def test_rows_of_a_recorded_run_are_listed_in_ms(samples):
 @pytest.mark.parametrize(
     ("follows", "allowed"), [((1, 2, 2), True), ((1, 3, 1), False), ((2, 1, 1), False)]
 )
-def test_what_follows_a_failed_attempt_is_the_next_attempt(samples, tmp_path, follows, allowed):
+def test_what_follows_a_failed_attempt_is_the_next_attempt(
+    samples, tmp_path, follows, allowed, file
+):
     failed = (samples / "cpe4_diverged.sta").read_text()
     last = failed.splitlines()[-1]
-    path = tmp_path / "job.sta"
-    path.write_text(failed + "{:6}{:11}{:6} ".format(*follows) + last[24:] + "\n")
+    path = file("job.sta", failed + "{:6}{:11}{:6} ".format(*follows) + last[24:] + "\n")
     if allowed:
         assert write_table(path, tmp_path / "t.csv")[1] == 3
     else:
@@ -63,9 +64,8 @@ def test_cut_at_any_byte_the_rows_are_those_of_whole_lines(samples, tmp_path, na
 
 
 @pytest.mark.parametrize("read_rows", [read_sta, read_cvg])
-def test_a_whole_line_that_is_no_row_is_refused_by_number(tmp_path, read_rows):
-    path = tmp_path / "job.sta"
-    path.write_text("\n" * 5 + "not a row\n")
+def test_a_whole_line_that_is_no_row_is_refused_by_number(file, read_rows):
+    path = file("job.sta", "\n" * 5 + "not a row\n")
     with pytest.raises(ResultError, match=r"job\.sta:6: no "):
         read_rows(path)
 

@@ -527,8 +527,7 @@ def test_a_record_that_moved_inside_a_table_is_no_number(write_post):
         (b"=beg=abcde (Analysis Title)\n", "no whole model: .*has no number"),
     ],
 )
-def test_a_foreign_file_is_named_by_what_it_begins_with(content, words, tmp_path):
-    path = tmp_path / "job.t16"
-    path.write_bytes(content)
+def test_a_foreign_file_is_named_by_what_it_begins_with(content, words, file):
+    path = file("job.t16", content)
     with pytest.raises(ResultError, match=words), opened_post(path):
         pass

@@ -265,10 +265,9 @@ def deck_text(plane):
 
 
 def test_the_deck_beside_tells_the_materials_of_a_file_without_ids(
-    two_layers, write_post, tmp_path
+    two_layers, write_post, tmp_path, file
 ):
-    path = tmp_path / "job.t16"
-    path.write_bytes(file_of(two_layers, write_post, revision=12).read_bytes())
+    path = file("job.t16", file_of(two_layers, write_post, revision=12).read_bytes())
     (tmp_path / "job.dat").write_text(deck_text(two_layers))
     with pytest.raises(ResultError, match="node 7 lies between material 1 and mat"):
         last_mpa(path, BETWEEN)
