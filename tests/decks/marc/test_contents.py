@@ -62,25 +62,19 @@ def test_a_deck_of_mixed_elements_has_a_pressure_node_each():
     assert PFL.coordinates.of(2591) is None
 
 
-def test_a_condition_is_values_tables_directions_and_a_set():
+def test_a_real_deck_has_conditions_load_cases_and_tables():
     found = {each.name: each for each in PFL.conditions()}
     first, load = found["apply1"], found["apply3"]
     assert (first.family, first.where) == ("fixed disp", "apply1_nodes")
     assert first.drives == ((0.0, 0, 1), (0.0, 0, 2))
     assert (load.family, load.where) == ("dist loads", "apply3_edges")
     assert load.drives == ((0.025, 1, 0),)
-
-
-def test_load_cases_name_their_conditions_and_how_long_they_take():
     (adaptive,) = PFL.load_cases()
     assert (adaptive.name, adaptive.active) == ("lcase1", ("apply1", "apply2", "apply3"))
     assert (adaptive.stepping.keyword, adaptive.increments) == ("auto step", None)
     assert adaptive.period == 1.0
     (even,) = read_marc_deck(LINEAR).load_cases()
     assert (even.stepping.keyword, even.increments, even.period) == ("auto load", 1, 1.0)
-
-
-def test_tables_are_points_of_a_variable():
     force, stress = PLASTIC.tables
     assert (force.name, force.number, force.variable) == ("force_table", 1, 1)
     assert_array_equal(force.points, [[0, 0], [1, 1]])

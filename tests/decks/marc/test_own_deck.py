@@ -115,35 +115,21 @@ def test_a_waveform_starts_when_its_load_case_does_and_where_the_probe_stands_th
     assert new.before_s == pytest.approx(2.0)
 
 
-def test_control_is_raised_only_where_it_is_too_small(marc_text):
+def test_what_a_deck_has_too_little_of_is_put_in_and_no_more(marc_text):
     deck = marc_text()
-    small = deck.text(cases=list(deck.case(most=2)))
-    assert b"     99999        10" in rebase_marc(small, MOTION, Request()).deck
-    enough = deck.text(cases=list(deck.case(most=3)))
-    assert b"         3        10" in rebase_marc(enough, MOTION, Request()).deck
 
+    def rebased(**parts):
+        return rebase_marc(deck.text(**parts), MOTION, Request()).deck
 
-def test_a_time_step_is_added_where_only_the_count_was(marc_text):
-    deck = marc_text()
+    assert b"     99999        10" in rebased(cases=list(deck.case(most=2)))
+    assert b"         3        10" in rebased(cases=list(deck.case(most=3)))
     cases = [line for line in deck.case() if line.strip() != "time step"]
-    cases.pop(-2)  # its number
-    new = rebase_marc(deck.text(cases=cases), MOTION, Request()).deck
-    (case,) = read_marc_deck(new).load_cases()
+    cases.pop(-2)  # its number: only the count was there
+    (case,) = read_marc_deck(rebased(cases=cases)).load_cases()
     assert (case.increments, case.period) == (3, pytest.approx(1.5e-3))
-
-
-def test_an_output_interval_of_the_history_becomes_one(marc_text):
-    deck = marc_text()
-    cases = list(deck.case())
-    cases[-1:] = ["post increment", deck.ints(2, 0), "continue"]
-    new = rebase_marc(deck.text(cases=cases), MOTION, Request()).deck
-    assert b"post increment\n" + deck.ints(1, 0).encode() + b"\n" in new
-
-
-def test_a_deck_without_a_post_option_gets_one(marc_text):
-    data = marc_text().text(output=["no print"])
-    wanted = read_marc_deck(rebase_marc(data, MOTION, Request()).deck).post()
-    assert wanted.codes == (17, 311)
+    cases = [*list(deck.case())[:-1], "post increment", deck.ints(2, 0), "continue"]
+    assert b"post increment\n" + deck.ints(1, 0).encode() + b"\n" in rebased(cases=cases)
+    assert read_marc_deck(rebased(output=["no print"])).post().codes == (17, 311)
 
 
 @given(data=st.data())

@@ -147,14 +147,12 @@ def test_without_a_ramp_a_rest_sample_of_zero_comes_first(make_run):
     assert_allclose(sa.stress_pa, np.arange(7) * 3e6, rtol=1e-12)
 
 
-def test_with_a_ramp_its_last_increment_is_time_zero(make_run):
-    _, ra = read(make_run(start_ms=1.0))
+def test_with_a_ramp_its_last_increment_is_time_zero_also_of_nodes_that_are_named(make_run):
+    folder = make_run(start_ms=1.0)
+    _, ra = read(folder)
     assert ra.start_ms == 0.0
     assert_allclose(ra.stress_pa, [2e6, 3e6, 4e6, 5e6, 6e6], rtol=1e-12)
-
-
-def test_nodes_named_beside_a_run_are_plain_and_on_its_clock(make_run):
-    (trace,) = read(make_run(start_ms=1.0), [2])
+    (trace,) = read(folder, [2])
     assert (trace.afferent, trace.node, trace.start_ms) == (None, 2, 0.0)
     assert trace.stress_pa[0] == 4e6
 
