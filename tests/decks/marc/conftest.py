@@ -70,7 +70,7 @@ class Deck:
 
     @cached_property
     def nodes(self):
-        return {int(row[:10]): self.reals(row[10:]) for row in self.one("coordinates").rows[1:]}
+        return {int(row[:10]): self.row(row[10:]) for row in self.one("coordinates").rows[1:]}
 
 
 SHORT = Stimulus("short", np.array([0.0, 1.5, -2.25, 100.0]), 0.5, (0.0, 1.5))
@@ -133,40 +133,26 @@ class MarcText:
     post_head: dict = field(default_factory=dict)
     end: str = "\n"
 
-    def ints(self, *values):
-        width = {"extended": 10, "fixed": 5, "free": 0}[self.layout]
-        if width:
-            return "".join(f"{value:{width}d}" for value in values)
-        return ", ".join(map(str, values)) + ","
-
-    def reals(self, *values):
+    def row(self, *values, name=""):
+        """A line of integers, of reals as Mentat prints them, and of a name."""
         if self.layout == "free":
-            return ", ".join(map(repr, values)) + ","
+            return f"{', '.join(map(repr, values))}," + f" {name}" * bool(name)
+        return "".join(map(self.cell, values)) + name
+
+    def cell(self, value):
         if self.layout == "fixed":
-            return "".join(f"{value:10.4f}" for value in values)
-        return "".join(self.mentat(value) for value in values)
-
-    def head(self, word, *values):
-        if self.layout == "free":
-            return ",".join([word, *map(str, values)])
-        width = 20 if self.layout == "extended" else 10
-        rest = [str(v) if isinstance(v, str) else self.ints(v) for v in values]
-        return word.ljust(width) + "".join(rest)
-
-    def define(self, name):
-        if self.layout == "free":
-            return f"define, node, set, {name}"
-        width = 20 if self.layout == "extended" else 10
-        return "".join(w.ljust(width) for w in ("define", "node", "set")) + name
-
-    def named(self, *values, name):
-        joined = self.ints(*values)
-        return f"{joined} {name}" if self.layout == "free" else joined + name
-
-    @staticmethod
-    def mentat(value):
+            return f"{value:5d}" if isinstance(value, int) else f"{value:10.4f}"
+        if isinstance(value, int):
+            return f"{value:10d}"
         mantissa, exponent = f"{value:.15e}".split("e")
         return f"{mantissa}{int(exponent):+d}".rjust(20)
+
+    def head(self, *words):
+        if self.layout == "free":
+            return ",".join(map(str, words))
+        width = 20 if self.layout == "extended" else 10
+        cells = [one.ljust(width) if isinstance(one, str) else self.cell(one) for one in words]
+        return "".join(cells).rstrip()
 
     def parameters(self):
         workspace = (0,) if self.layout == "free" else (0, 0)
@@ -181,31 +167,30 @@ class MarcText:
 
     def mesh(self):
         yield "connectivity"
-        yield self.ints(0, 0, 1, 0, 1, 1, 0, 1, 0)
-        yield self.ints(1, 11, 1, 2, 5, 4)
-        yield self.ints(2, 11, 2, 3, 6, 5)
+        yield self.row(0, 0, 1, 0, 1, 1, 0, 1, 0)
+        yield self.row(1, 11, 1, 2, 5, 4)
+        yield self.row(2, 11, 2, 3, 6, 5)
         yield "coordinates"
-        yield self.ints(3, 6, 0, 1)
+        yield self.row(3, 6, 0, 1)
         for node in range(1, 7):
             x, y = float((node - 1) % 3), -float((node - 1) // 3)
-            number = self.ints(node)
-            yield (number + (" " if self.layout == "free" else "") + self.reals(x, y, 0.0))
-        yield self.define("held_nodes")
+            yield self.row(node, x, y, 0.0)
+        yield self.head("define", "node", "set", "held_nodes")
         yield "4 to 6"
 
     def table(self, name="wave", number=1, points=((0.0, 0.0), (1.0, 1.0))):
         yield self.head("table", name)
-        yield self.ints(number, 1, 0, 0, 2)
-        yield self.ints(1, len(points), 2, 0, 0, 2, 0, 0, 2, 0, 0, 2)
+        yield self.row(number, 1, 0, 0, 2)
+        yield self.row(1, len(points), 2, 0, 0, 2, 0, 0, 2, 0, 0, 2)
         for point in points:
-            yield self.reals(*point)
+            yield self.row(*point)
 
     def fixed(self, name, value, table, where="held_nodes"):
-        yield self.named(1, 0, 0, 0, 1, 0, name=name)
-        yield self.reals(0.0, value)
-        yield self.ints(0, table)
-        yield self.ints(1, 2)
-        yield self.ints(2)
+        yield self.row(1, 0, 0, 0, 1, 0, name=name)
+        yield self.row(0.0, value)
+        yield self.row(0, table)
+        yield self.row(1, 2)
+        yield self.row(2)
         yield where
 
     def conditions(self):
@@ -219,50 +204,50 @@ class MarcText:
         if self.drive != "body":
             return
         yield self.head("contact", 5, 0, 0)
-        yield self.ints(1, 0, 9, 6, 0, 9999, 3, *[0] * 9)
-        yield self.ints(*[0] * 7, 1, *[0] * 8)
-        yield self.reals(*[0.0] * 5, 0.95, 0.0, 0.05)
-        yield self.reals(1.0, 0.0)
+        yield self.row(1, 0, 9, 6, 0, 9999, 3, *[0] * 9)
+        yield self.row(*[0] * 7, 1, *[0] * 8)
+        yield self.row(*[0.0] * 5, 0.95, 0.0, 0.05)
+        yield self.row(1.0, 0.0)
         yield "$....contact body 1: probe"
-        yield self.named(1, 0, 0, 0, 1, -1, 0, -1, name="probe")
-        yield self.ints(2, 0, 0, 0, 1, 1, 1, 1)
-        yield self.reals(*[0.0] * 6, 1.0)
-        yield self.reals(*[0.0] * 4)
-        yield self.reals(0.0, self.factor, *[0.0] * 6)
-        yield self.ints(0, 1, *[0] * 6)
-        yield self.ints(0, 0, 0, 0)
+        yield self.row(1, 0, 0, 0, 1, -1, 0, -1, name="probe")
+        yield self.row(2, 0, 0, 0, 1, 1, 1, 1)
+        yield self.row(*[0.0] * 6, 1.0)
+        yield self.row(*[0.0] * 4)
+        yield self.row(0.0, self.factor, *[0.0] * 6)
+        yield self.row(0, 1, *[0] * 6)
+        yield self.row(0, 0, 0, 0)
 
     def output(self):
         head = [len(self.post), 16, 17, 0, 0, 19, 20, 0, 1, *[0] * 7]
         for place, value in self.post_head.items():
             head[place - 1] = value
         yield "post"
-        yield self.ints(*head)
+        yield self.row(*head)
         for code in self.post:
-            yield self.ints(code, 0)
+            yield self.row(code, 0)
 
     def case(self, name="press", increments=10, most=99999, stepping=None):
         stepping = stepping or self.stepping
         yield self.head("loadcase", name)
         active = ["held", "indent"] if self.drive == "disp" else ["held"]
-        yield self.ints(len(active))
+        yield self.row(len(active))
         yield from active
         yield "control"
-        yield self.ints(most, 10, 0, 0, 0, 1)
-        yield self.reals(0.1)
+        yield self.row(most, 10, 0, 0, 0, 1)
+        yield self.row(0.1)
         if stepping == "auto load":
             yield "auto load"
-            yield self.ints(increments, 0, 10, 0, 0)
+            yield self.row(increments, 0, 10, 0, 0)
             yield "time step"
-            yield self.reals(0.1)
+            yield self.row(0.1)
         elif stepping == "auto step":
             yield "auto step"
-            adaptive = self.reals(0.01, 1.0, 0.1, 10.0, 0.001, 0.5)
-            yield adaptive + self.ints(99999, 5, 1, 0)
-            yield self.ints(0, 10, 0, 0)
+            adaptive = self.row(0.01, 1.0, 0.1, 10.0, 0.001, 0.5)
+            yield adaptive + self.row(99999, 5, 1, 0)
+            yield self.row(0, 10, 0, 0)
         else:
             yield stepping
-            yield self.reals(0.1, 1.0)
+            yield self.row(0.1, 1.0)
         yield "continue"
 
     def text(self, **parts):

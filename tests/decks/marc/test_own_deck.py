@@ -127,8 +127,8 @@ def test_what_a_deck_has_too_little_of_is_put_in_and_no_more(marc_text):
     cases.pop(-2)  # its number: only the count was there
     (case,) = read_marc_deck(rebased(cases=cases)).load_cases()
     assert (case.increments, case.period) == (3, pytest.approx(1.5e-3))
-    cases = [*list(deck.case())[:-1], "post increment", deck.ints(2, 0), "continue"]
-    assert b"post increment\n" + deck.ints(1, 0).encode() + b"\n" in rebased(cases=cases)
+    cases = [*list(deck.case())[:-1], "post increment", deck.row(2, 0), "continue"]
+    assert b"post increment\n" + deck.row(1, 0).encode() + b"\n" in rebased(cases=cases)
     assert read_marc_deck(rebased(output=["no print"])).post().codes == (17, 311)
 
 
@@ -231,8 +231,8 @@ def test_different_factors_are_refused_with_both_lines_and_either_sign_is_one(ma
 def test_a_rotation_is_no_displacement(marc_text):
     deck = marc_text(drive="disp")
     turn = [
-        *(deck.named(1, 0, 0, 0, 1, 0, name="turn"), deck.reals(0.0, 1.0)),
-        *(deck.ints(0, 1), deck.ints(2, 4), deck.ints(2), "held_nodes"),
+        *(deck.row(1, 0, 0, 0, 1, 0, name="turn"), deck.row(0.0, 1.0)),
+        *(deck.row(0, 1), deck.row(2, 4), deck.row(2), "held_nodes"),
     ]
     data = deck.text(conditions=[*deck.conditions(), *turn])
     assert refused(data, "degree of freedom 4 of `fixed disp` 'turn'").startswith("line ")
@@ -245,7 +245,7 @@ def test_a_rotation_is_no_displacement(marc_text):
 def test_a_table_of_another_kind_is_refused(marc_text, row, numbers, found):
     deck = marc_text()
     lines = list(deck.table())
-    lines[row] = deck.ints(*numbers)
+    lines[row] = deck.row(*numbers)
     if row == 1:
         lines[3:] = ["v1"]
     assert refused(deck.text(table=lines), found).startswith("line ")
