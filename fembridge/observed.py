@@ -49,16 +49,11 @@ class ObservedRates:
     def of(self, afferent: str) -> tuple[tuple[str, ...], FloatArray]:
         """Stimuli with an observed rate of `afferent`, and the rates ``(S,)`` in ips.
 
-        Raises
-        ------
-        UsageError
-            There is no such class here.
+        Raises UsageError: there is no such class here.
         """
         if afferent not in self.afferents:
-            raise UsageError(
-                f"no observed rates of {afferent!r}, only of "
-                f"{', '.join(self.afferents)}: {self.path}"
-            )
+            found = f"no observed rates of {afferent!r}, only of {', '.join(self.afferents)}"
+            raise UsageError(f"{found}: {self.path}")
         rate_ips = self.rate_ips[:, self.afferents.index(afferent)]
         there = np.flatnonzero(~np.isnan(rate_ips))
         return tuple(self.stimuli[row] for row in there), rate_ips[there]
@@ -74,25 +69,11 @@ class ObservedRates:
 
 
 def read_observed(source: "Path | pd.DataFrame", *, complete: bool = True) -> ObservedRates:
-    """Observed rates of a CSV table or a DataFrame.
+    """Observed rates of a CSV table or a DataFrame, stimuli in the order in which they come.
 
-    Parameters
-    ----------
-    complete
-        Whether each stimulus must have a rate of each class. If not, the missing
-        ones are NaN.
-
-    Returns
-    -------
-    ObservedRates
-        Stimuli in the order in which they first appear; classes that there are, in
-        the order SA, RA, PC.
-
-    Raises
-    ------
-    TableError
-        No CSV table in UTF-8, another header, an unknown stimulus or class, no rate
-        in impulses a second, a duplicate rate, or one that is missing.
+    Where each stimulus need not have a rate of each class, not `complete`, the missing ones
+    are NaN. Raises TableError: no CSV table in UTF-8, another header, an unknown stimulus or
+    class, no rate in impulses a second, a duplicate rate, or one that is missing.
     """
     import pandas as pd
 
@@ -139,14 +120,13 @@ def _stimuli(table: TextTable) -> list[str]:
     words = table.words("stimulus")
     spelled: dict[str, str] = {}
     for row, word in enumerate(words):
-        if word not in spelled:
-            try:
-                entries = resolve(word)
-            except StimulusError as error:
-                raise table.error(row, str(error)) from error
-            if len(entries) > 1:
-                raise table.error(
-                    row, f"{word!r} names {len(entries)} stimuli, expected one row a level"
-                )
-            spelled[word] = entries[0].id
+        if word in spelled:
+            continue
+        try:
+            [spelled[word], *more] = [entry.id for entry in resolve(word)]
+        except StimulusError as error:
+            raise table.error(row, str(error)) from error
+        if more:
+            found = f"{word!r} names {len(more) + 1} stimuli"
+            raise table.error(row, f"{found}, expected one row a level")
     return [spelled[word] for word in words]

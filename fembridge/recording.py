@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 _S_PER_MS = 1.0e-3
 _MM_PER_UM = 1.0e-3
 _COLUMNS = {
+    "unit": "name of the unit",
     "afferent": "class of the afferent: SA, RA or PC",
     "cell": "which cell of the class, from 1, the most sensitive first; 0: a single one",
     "node": "node of the finite-element model that its stress is of",
@@ -88,25 +89,23 @@ class Recording:
         if not isinstance(result, Touch):
             nodes = {(str(trace.afferent), ""): trace.node for trace in result.traces[0]}
             depth_um = stacked([one.displacement_um for one in result.stimuli])
-            first = result.stimuli[0]
-            t_stop_ms = (depth_um.shape[1] - 1) * first.dt_ms
-            return cls.of_trains(result.trains, first.dt_ms, t_stop_ms, nodes, depth_um)
-        units, fired, way = result.population, result.fired, result.way
-        row = (fired.trial - 1) * len(units) + fired.unit
-        order = np.lexsort((fired.time_ms, row))
+            dt_ms = result.stimuli[0].dt_ms
+            t_stop_ms = (depth_um.shape[1] - 1) * dt_ms
+            return cls.of_trains(result.trains, dt_ms, t_stop_ms, nodes, depth_um)
+        units, fired, way, trials = result.population, result.fired, result.way, result.trials
+        places = ("x_mm", "z_mm", "depth_mm", "deviate")
         return cls(
             unit=units.unit,
             afferent=units.afferent,
-            stimulus=(way.name,) * result.trials,
-            repeat=tuple(range(1, result.trials + 1)) if result.trials > 1 else (0,),
-            time_ms=fired.time_ms[order],
-            start=_starts(row, len(units) * result.trials),
+            stimulus=(way.name,) * trials,
+            repeat=tuple(range(1, trials + 1)) if trials > 1 else (0,),
+            **_in_rows(
+                (fired.trial - 1) * len(units) + fired.unit, fired.time_ms, len(units) * trials
+            ),
             dt_ms=way.dt_ms,
             t_stop_ms=float(way.times_ms[-1]),
-            columns={
-                name: getattr(units, name) for name in ("x_mm", "z_mm", "depth_mm", "deviate")
-            },
-            depth_um=np.tile(result.depth_um, (result.trials, 1)),
+            columns={name: getattr(units, name) for name in places},
+            depth_um=np.tile(result.depth_um, (trials, 1)),
         )
 
     @classmethod
@@ -131,7 +130,6 @@ class Recording:
         ]
         rows = np.repeat(row, [train.times_ms.size for train in trains]).astype(np.int64)
         time_ms = np.concatenate([np.zeros(0), *(train.times_ms for train in trains)])
-        order = np.lexsort((time_ms, rows))
         columns = {"cell": np.array([cell for *_, cell in cells])}
         if nodes:
             columns["node"] = np.array([nodes[name, unit] for name, unit, _ in cells])
@@ -140,8 +138,7 @@ class Recording:
             afferent=tuple(name for name, *_ in cells),
             stimulus=tuple(stimuli),
             repeat=(0,) * len(stimuli),
-            time_ms=time_ms[order],
-            start=_starts(rows, len(cells) * len(stimuli)),
+            **_in_rows(rows, time_ms, len(cells) * len(stimuli)),
             dt_ms=dt_ms,
             t_stop_ms=t_stop_ms,
             columns=columns,
@@ -166,6 +163,11 @@ class Recording:
         last = np.isfinite(self.depth_um).sum(axis=1) - 1
         return np.asarray(last * self.dt_ms, dtype=np.float64)
 
+    def _about(self, unit: int) -> dict[str, Any]:
+        """What is known of a unit, by name."""
+        known = {name: values[unit].item() for name, values in self.columns.items()}
+        return {"unit": self.unit[unit], "afferent": self.afferent[unit], **known}
+
     def _one_clock_ms(self, unit: int) -> FloatArray:
         trials = [start + self.spikes_ms(unit, k) for k, start in enumerate(self.trial_ms)]
         return np.concatenate(trials)
@@ -175,24 +177,15 @@ class Recording:
     def write(self, path: Path | str) -> Path:
         """Write a file of the format of its suffix, as `FORMATS` has them.
 
-        Raises
-        ------
-        UsageError
-            Another suffix.
-        MissingError
-            The format's library is not installed.
-        OutputError
-            The file cannot be written.
+        Raises UsageError: another suffix. MissingError: the format's library is not installed.
         """
         path = Path(path)
-        suffixes = dict(FORMATS.values())
-        if path.suffix not in suffixes:
-            raise UsageError(
-                f"{path}: expected a name in {', '.join(suffixes)}"
-                + near_hint(path.suffix, suffixes)
-            )
+        writers = {one.suffix: one.write for one in FORMATS.values()}
+        if path.suffix not in writers:
+            hint = near_hint(path.suffix, writers)
+            raise UsageError(f"{path}: expected a name in {', '.join(writers)}{hint}")
         with replacing(path) as draft:
-            suffixes[path.suffix](self, draft)
+            writers[path.suffix](self, draft)
         return path
 
     def _write_npz(self, path: Path) -> None:
@@ -296,17 +289,14 @@ class Recording:
         block = neo.Block(name="fembridge", fembridge_version=__version__)
         for k, (name, repeat) in enumerate(zip(self.stimulus, self.repeat, strict=True)):
             segment = neo.Segment(name=f"{name} {repeat}", stimulus=name, repeat=repeat, index=k)
-            for u, (unit, afferent) in enumerate(zip(self.unit, self.afferent, strict=True)):
-                segment.spiketrains.append(
-                    neo.SpikeTrain(
-                        self.spikes_ms(u, k) * ms,
-                        t_stop=self.end_ms[k] * ms,
-                        name=unit,
-                        unit=unit,
-                        afferent=afferent,
-                        **{column: values[u].item() for column, values in self.columns.items()},
-                    )
+            for u, unit in enumerate(self.unit):
+                train = neo.SpikeTrain(
+                    self.spikes_ms(u, k) * ms,
+                    t_stop=self.end_ms[k] * ms,
+                    name=unit,
+                    **self._about(u),
                 )
+                segment.spiketrains.append(train)
             if self.depth_um is not None:
                 segment.analogsignals.append(
                     neo.AnalogSignal(
@@ -353,16 +343,11 @@ class Recording:
         found.units = Units(
             name="units", description="simulated afferents", resolution=self.dt_ms * _S_PER_MS
         )
-        texts = {"unit": self.unit, "afferent": self.afferent}
         for name in ("unit", "afferent", *self.columns):
-            found.add_unit_column(name, _COLUMNS.get(name, "name of the unit"))
+            found.add_unit_column(name, _COLUMNS[name])
         for u in range(len(self.unit)):
-            found.add_unit(
-                spike_times=self._one_clock_ms(u) * _S_PER_MS,
-                obs_intervals=seconds,
-                **{name: values[u] for name, values in texts.items()},
-                **{name: values[u].item() for name, values in self.columns.items()},
-            )
+            times_s = self._one_clock_ms(u) * _S_PER_MS
+            found.add_unit(spike_times=times_s, obs_intervals=seconds, **self._about(u))
         if len(self.stimulus) > 1:  # the inspector takes a table of one row for a mistake
             found.add_trial_column("stimulus", "name of the stimulus")
             found.add_trial_column("repeat", "which trial of the stimulus, from 1; 0: the only one")
@@ -426,35 +411,38 @@ class Recording:
         return np.repeat(np.arange(counts.size), counts), np.rint(time_ms / self.dt_ms).astype(int)
 
 
-FORMATS: Mapping[str, tuple[str, Callable[[Recording, Path], None]]] = {
-    "npz": (".npz", Recording._write_npz),
-    "mat": (".mat", Recording._write_mat),
-    "nwb": (".nwb", Recording._write_nwb),
-    "neo": (".pkl", Recording._write_neo),
-    "sonata": (".h5", Recording._write_sonata),
+class Format(NamedTuple):
+    """A word of ``--export``: the suffix of its file, what writes one, of which library."""
+
+    suffix: str
+    write: Callable[[Recording, Path], None]
+    library: str
+
+
+FORMATS: Mapping[str, Format] = {
+    "npz": Format(".npz", Recording._write_npz, "numpy"),
+    "mat": Format(".mat", Recording._write_mat, "scipy"),
+    "nwb": Format(".nwb", Recording._write_nwb, "pynwb"),
+    "neo": Format(".pkl", Recording._write_neo, "neo"),
+    "sonata": Format(".h5", Recording._write_sonata, "h5py"),
 }
-"""Suffix and writer of each word of ``--export``."""
-EXPORTED = tuple(f"spikes{suffix}" for suffix, _ in FORMATS.values())
+EXPORTED = tuple(f"spikes{one.suffix}" for one in FORMATS.values())
 """Files of ``--export``."""
-_LIBRARIES = {"mat": "scipy", "nwb": "pynwb", "neo": "neo", "sonata": "h5py"}
 
 
 def require_libraries(formats: Sequence[str]) -> None:
     """Refuse `formats` whose library is not installed, before anything is computed.
 
-    Raises
-    ------
-    MissingError
-        It is not.
+    Raises MissingError: it is not.
     """
     for word in formats:
         with _library(word):
-            import_module(_LIBRARIES.get(word, "numpy"))
+            import_module(FORMATS[word].library)
 
 
 def exports(recording: Recording, formats: Sequence[str]) -> dict[str, Callable[[Path], Path]]:
     """Names of the files of ``spikes`` in `formats`, with what writes each to its path."""
-    return {f"spikes{FORMATS[word][0]}": recording.write for word in formats}
+    return {f"spikes{FORMATS[word].suffix}": recording.write for word in formats}
 
 
 @contextmanager
@@ -466,6 +454,7 @@ def _library(name: str) -> "Iterator[None]":
         raise MissingError(f"{error}: install {name} first, pip install {line}") from error
 
 
-def _starts(row: IntArray, count: int) -> IntArray:
-    """Where the spikes of each of `count` rows begin, and the end of the last."""
-    return np.concatenate([[0], np.cumsum(np.bincount(row, minlength=count))]).astype(np.int64)
+def _in_rows(row: IntArray, time_ms: FloatArray, count: int) -> dict[str, Any]:
+    """Spikes in order of their `row` of `count` and of time; where those of each row begin."""
+    start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=count))])
+    return {"time_ms": time_ms[np.lexsort((time_ms, row))], "start": start.astype(np.int64)}

@@ -10,7 +10,7 @@ import shlex
 from typing import TYPE_CHECKING, Any
 
 from fembridge.commands.options import add_from, add_output_option, words_of
-from fembridge.terminal import Notes
+from fembridge.terminal import Notes, print_table
 
 if TYPE_CHECKING:
     from fembridge.report.validate import Validation
@@ -111,27 +111,23 @@ def _rows(study: "Validation") -> list[dict[str, Any]]:
     """Agreement of every source over whole families."""
     from fembridge.report.rates import EVERY_SET, NUMBERS
 
-    rows = []
-    for row in study.agreement[study.agreement["set"] == EVERY_SET].to_dict("records"):
-        names = ("reference", "source", "family", "afferent", "meets_paper")
-        keys = {name: row[name] for name in names}
-        numbers = {name: row[name] for name in (NUMBERS if row["count"] else NUMBERS[:1])}
-        rows.append(keys | numbers)
-    return rows
+    names = ("reference", "source", "family", "afferent", "meets_paper")
+    whole = study.agreement[study.agreement["set"] == EVERY_SET].to_dict("records")
+    return [
+        {str(name): row[name] for name in (*names, *(NUMBERS if row["count"] else NUMBERS[:1]))}
+        for row in whole
+    ]
 
 
 def _print_rows(study: "Validation", rows: list[dict[str, Any]]) -> None:
     """Print a row a family, a column a class: R² and RMSE of the judged model."""
     against = "observed rates" if study.observed is not None else "TouchSim, a model"
     print(f"{study.judged.name} against {against}: R² (RMSE in impulses/s)")
-    print(f"{'':<8}{'SA':>16}{'RA':>16}{'PC':>16}")
-    lines: dict[str, str] = {}
+    judged = (study.rates.reference(), study.judged.name)
+    lines: dict[str, list[str]] = {}
     for row in rows:
-        if (row["reference"], row["source"]) == (study.rates.reference(), study.judged.name):
-            cell = "no rates"
-            if row["count"]:
-                share = f"{row['r_squared']:.2f}".replace("nan", "-")
-                cell = f"{share} ({row['rmse_ips']:.1f})"
-            line = lines.setdefault(row["family"], f"{row['family']:<8}")
-            lines[row["family"]] = f"{line}{cell:>16}"
-    print(*lines.values(), sep="\n")
+        if (row["reference"], row["source"]) == judged:
+            share = "-" if row.get("r_squared") != row.get("r_squared") else "{r_squared:.2f}"
+            cell = f"{share} ({{rmse_ips:.1f}})" if row["count"] else "no rates"
+            lines.setdefault(row["family"], [row["family"]]).append(cell.format(**row))
+    print_table(["", "SA", "RA", "PC"], list(lines.values()))

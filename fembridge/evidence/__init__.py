@@ -23,7 +23,7 @@ import numpy as np
 
 from decks.stimuli import resolve
 from fembridge.errors import UsageError
-from fembridge.tables import AFFERENTS, Rate, read_table
+from fembridge.tables import AFFERENTS, RATE_COLUMNS, Rate, read_table
 
 if TYPE_CHECKING:
     import pandas
@@ -104,34 +104,19 @@ def published_timing() -> "pandas.DataFrame":
 def touchsim_rates(preindent_um: float = 0.0, *, whole_second: bool = False) -> list[Rate]:
     """TouchSim's rates under all 82 stimuli, in the order of the catalogue.
 
-    Parameters
-    ----------
-    preindent_um
-        Depth of the probe before the vibration, 0 or 500.
-    whole_second
-        Count the spikes of a second, not of the stimulus' own window. By default a
-        rate is from a window as long as the observed one: 245 or 100 ms.
-
-    Returns
-    -------
-    list of Rate
-        SA, RA and PC of the first stimulus, then of the next; rates in impulses a
-        second.
-
-    Raises
-    ------
-    UsageError
-        Nothing was computed for that depth.
+    The probe is `preindent_um` deep before the vibration, 0 or 500. A rate is from a window as
+    long as the observed one, 245 or 100 ms, or from a `whole_second`. Raises UsageError:
+    nothing was computed for that depth.
     """
-    table = read_table(TOUCHSIM_TABLE)
-    depth_um, window_ms = table.numbers("preindent_um"), table.numbers("window_ms")
-    if preindent_um not in depth_um:
+    import pandas
+
+    table = pandas.read_csv(TOUCHSIM_TABLE)
+    if preindent_um not in set(table.preindent_um):
         raise UsageError(f"preindent_um is {preindent_um:g}, TouchSim's is 0 or 500")
-    stimuli = table.column("stimulus")
-    own_ms = {name: np.ptp(resolve(name)[0].window_ms) for name in dict.fromkeys(stimuli)}
-    wanted_ms = 1000.0 if whole_second else [own_ms[name] for name in stimuli]
-    table = table.where((depth_um == preindent_um) & (window_ms == wanted_ms))
-    columns = table.column("stimulus"), table.column("afferent"), table.numbers("rate_ips").tolist()
+    own_ms = {name: np.ptp(resolve(name)[0].window_ms) for name in table.stimulus.unique()}
+    wanted_ms = 1000.0 if whole_second else table.stimulus.map(own_ms)
+    table = table[(table.preindent_um == preindent_um) & (table.window_ms == wanted_ms)]
+    columns = (table[name] for name in RATE_COLUMNS)
     return [Rate(*row) for row in zip(*columns, strict=True)]
 
 

@@ -66,28 +66,12 @@ def raster_figure(
     window_ms: tuple[float, float] | None = None,
     waveform: Stimulus | None = None,
 ) -> "Figure":
-    """Spikes: a panel a class, a row a stimulus.
+    """Spikes: a panel a class, a row a stimulus, in it a line a unit and repeat.
 
-    Parameters
-    ----------
-    trains
-        Spikes; those of one stimulus and class share a row, a line a unit and repeat.
-    stimuli
-        Rows from top to bottom. Default: as they come in `trains`. Name them where
-        some are silent in all classes.
-    afferents
-        Panels from left to right. Default: the classes of `trains`.
-    span_ms
-        Ends of the time axis. Default: from 0 to the last spike or window end.
-    window_ms
-        Where spikes were counted; what is outside gets a grey ground.
-    waveform
-        A stimulus to draw above the panels.
-
-    Raises
-    ------
-    UsageError
-        Nothing to draw, or spikes that have no row.
+    Rows are `stimuli` from top to bottom, panels `afferents` from left to right, by default
+    those of `trains`: name them where some are silent. The time axis is `span_ms`, by default
+    from 0 to the last spike or window end; what is outside `window_ms` gets a grey ground, and
+    `waveform` is drawn above. Raises UsageError: nothing to draw.
     """
     trains = list(trains)
     rows, classes = _rows_and_classes(trains, stimuli, afferents)
@@ -120,7 +104,7 @@ def psth_figure(
 
     A silent cell counts where it is among `trains`. All rows of a class share a scale, which stands
     below its name. The other arguments are those of a raster. Raises UsageError: nothing to draw,
-    spikes that have no row, no bin width or too many bins.
+    no bin width or too many bins.
     """
     trains = list(trains)
     rows, classes = _rows_and_classes(trains, stimuli, afferents)
@@ -153,9 +137,8 @@ def isi_figure(
     """Share of a row's intervals in each bin of `bin_ms`; how many there are is beside it.
 
     Intervals are those between neighbouring spikes of one cell. The axis ends at `longest_ms`, by
-    default the longest interval of all; shares are of all intervals, drawn or not. All rows of a
-    class share a scale, which stands below its name. Raises UsageError: nothing to draw, spikes
-    that have no row, no bin width or too many bins.
+    default the longest interval of all; shares are of all intervals, drawn or not. Raises
+    UsageError: nothing to draw, no bin width or too many bins.
     """
     trains = list(trains)
     rows, classes = _rows_and_classes(trains, stimuli, afferents)
@@ -188,7 +171,7 @@ def psth(
     trains: Iterable[SpikeTrain], stimulus: str, afferent: str, edges_ms: FloatArray
 ) -> FloatArray:
     """Rate ``(bin,)`` in impulses/s of the mean train of a stimulus and class; 0 of none."""
-    mine = [t.times_ms for t in trains if (t.stimulus, t.afferent) == (stimulus, afferent)]
+    mine = _times_ms(trains, stimulus, afferent)
     counts = histogram(np.concatenate([np.zeros(0), *mine]), edges_ms)
     rate_ips: FloatArray = counts * 1000.0 / (np.diff(edges_ms) * max(len(mine), 1))
     return rate_ips
@@ -196,8 +179,11 @@ def psth(
 
 def intervals_ms(trains: Iterable[SpikeTrain], stimulus: str, afferent: str) -> FloatArray:
     """Intervals between neighbouring spikes of each cell, all cells together."""
-    mine = [t.times_ms for t in trains if (t.stimulus, t.afferent) == (stimulus, afferent)]
-    return np.concatenate([np.zeros(0), *map(np.diff, mine)])
+    return np.concatenate([np.zeros(0), *map(np.diff, _times_ms(trains, stimulus, afferent))])
+
+
+def _times_ms(trains: Iterable[SpikeTrain], stimulus: str, afferent: str) -> list[FloatArray]:
+    return [t.times_ms for t in trains if (t.stimulus, t.afferent) == (stimulus, afferent)]
 
 
 def bins(end_ms: float, bin_ms: float) -> FloatArray:
@@ -225,10 +211,6 @@ def _rows_and_classes(
     classes = list(afferents or [name for name in AFFERENT_COLOURS if name in present])
     if not rows or not classes:
         raise UsageError("no stimulus or no class to draw; name them if all are silent")
-    if unknown := [name for name in classes if name not in AFFERENT_COLOURS]:
-        raise UsageError(f"afferent {unknown[0]!r}, expected {', '.join(AFFERENT_COLOURS)}")
-    if homeless := [train.stimulus for train in trains if train.stimulus not in rows]:
-        raise UsageError(f"spikes of {homeless[0]}, which has no row")
     return rows, classes
 
 
@@ -300,25 +282,24 @@ def _draw_spikes(
     panel: "Axes", trains: Sequence[SpikeTrain], rows: Sequence[str], line_pt: float
 ) -> None:
     """Draw all spikes of a panel; units and repeats of a row lie under one another."""
-    units = {name: k for k, name in enumerate(dict.fromkeys(train.unit for train in trains))}
-    lanes: dict[str, dict[tuple[str, int], int]] = {name: {} for name in rows}
-    trains = sorted(trains, key=lambda train: (units[train.unit], train.repeat))
-    for train in trains:
-        here = lanes[train.stimulus]
-        here.setdefault((train.unit, train.repeat), len(here))
-    middles, halves = [], []
-    for train in trains:
-        here = lanes[train.stimulus]
-        lane = _FILL / len(here)
-        above = (here[train.unit, train.repeat] + 0.5) * lane
-        middles.append(rows.index(train.stimulus) - _FILL / 2 + above)
-        halves.append(lane / 2 if len(here) == 1 else 0.42 * lane)
-    counts = [train.times_ms.size for train in trains]
-    middle, half = np.repeat(middles, counts), np.repeat(halves, counts)
+    units = list(dict.fromkeys(train.unit for train in trains))
+    upper: list[float] = []
+    lower: list[float] = []
+    times_ms = [np.zeros(0)]
+    for row, name in enumerate(rows):
+        mine = [train for train in trains if train.stimulus == name]
+        mine.sort(key=lambda train: (units.index(train.unit), train.repeat))
+        lane = _FILL / max(len(mine), 1)
+        half = lane / 2 if len(mine) == 1 else 0.42 * lane
+        for place, train in enumerate(mine):
+            middle = row - _FILL / 2 + (place + 0.5) * lane
+            upper += [middle - half] * train.times_ms.size
+            lower += [middle + half] * train.times_ms.size
+            times_ms.append(train.times_ms)
     panel.vlines(
-        np.concatenate([np.empty(0), *(train.times_ms for train in trains)]),
-        middle - half,
-        middle + half,
+        np.concatenate(times_ms),
+        upper,
+        lower,
         colors=AFFERENT_COLOURS[trains[0].afferent] if trains else None,
         linewidths=line_pt,
         clip_on=False,  # a spike on the last sample is as thick as any

@@ -48,53 +48,29 @@ HELD_OUT_GOAL_IPS = {"SA": 3.0, "RA": 8.0, "PC": 15.0}
 NUMBERS = ("count", "slope", "intercept_ips", "r_squared", "p_value", "rmse_ips", "bias_ips")
 
 
-@dataclass(frozen=True)
 class StimulusSet:
-    """All levels at the same frequencies, the weakest first."""
+    """All levels at the same frequencies, the weakest first; `title` is its band."""
 
-    name: str
-    entries: tuple[Entry, ...]
-
-    @cached_property
-    def title(self) -> str:
-        """Its frequencies or its band."""
-        return set_title(self.entries[0])
+    def __init__(self, name: str, entries: Iterable[Entry]) -> None:
+        self.name, self.entries = name, tuple(entries)
+        self.title = set_title(self.entries[0])
+        self.stimuli = tuple(entry.id for entry in self.entries)
+        self.level_um = tuple(entry.level_um for entry in self.entries)
 
     @property
     def frequency_hz(self) -> float:
         """Frequency of a set of sinusoids."""
         return float(self.entries[0].numbers()["frequency_hz"])
 
-    @cached_property
-    def stimuli(self) -> tuple[str, ...]:
-        """Ids of its stimuli."""
-        return tuple(entry.id for entry in self.entries)
 
-    @cached_property
-    def level_um(self) -> tuple[float, ...]:
-        """Level of each of its stimuli."""
-        return tuple(entry.level_um for entry in self.entries)
-
-
-@dataclass(frozen=True)
 class Family:
     """Sets of one kind of stimulus, and the words that name them on a page."""
 
-    name: str
-    title: str
-    figure: str
-    table: str
-
-    @cached_property
-    def sets(self) -> tuple[StimulusSet, ...]:
-        """Its sets, in the catalogue's order."""
-        mine = (entry for entry in CATALOGUE if entry.family == self.name)
-        return tuple(StimulusSet(name, tuple(each)) for name, each in groupby(mine, set_name))
-
-    @cached_property
-    def stimuli(self) -> tuple[str, ...]:
-        """Ids of all its stimuli, set after set."""
-        return tuple(id_ for one in self.sets for id_ in one.stimuli)
+    def __init__(self, name: str, title: str, figure: str, table: str) -> None:
+        self.name, self.title, self.figure, self.table = name, title, figure, table
+        mine = (entry for entry in CATALOGUE if entry.family == name)
+        self.sets = tuple(StimulusSet(*each) for each in groupby(mine, set_name))
+        self.stimuli = tuple(id_ for one in self.sets for id_ in one.stimuli)
 
 
 FAMILIES = (
@@ -122,8 +98,8 @@ class RateTable:
 
     def of(self, source: str, afferent: str, stimuli: Sequence[str]) -> FloatArray:
         """Rates ``(S,)`` of a source and class under `stimuli`, NaN where none is."""
-        keys = ((source, afferent, stimulus) for stimulus in stimuli)
-        return np.array([self._rates_ips.get(key, np.nan) for key in keys])
+        mine = (self._rates_ips.get((source, afferent, one), np.nan) for one in stimuli)
+        return np.fromiter(mine, dtype=np.float64)
 
     def known(self, stimuli: Sequence[str]) -> tuple[str, ...]:
         """Sources that have a rate under at least one of `stimuli`."""
@@ -149,24 +125,23 @@ def rate_table(sources: Mapping[str, Iterable[Rate]]) -> RateTable:
     """One table of several; rates of other than the paper's 82 stimuli are left out."""
     from pandas import DataFrame
 
-    columns = ["source", "stimulus", "afferent", "rate_ips"]
     places = {
         entry.id: (family.name, one.name, entry.level_um)
         for family in FAMILIES
         for one in family.sets
         for entry in one.entries
     }
-    order, rank = list(places), list(sources)
+    order = list(places)
     rows = [
         (source, rate.stimulus, rate.afferent, float(rate.rate_ips), *places[rate.stimulus])
         for source, rates in sources.items()
-        for rate in rates
-        if rate.stimulus in places
+        for rate in sorted(
+            (one for one in rates if one.stimulus in places),
+            key=lambda one: (order.index(one.stimulus), AFFERENTS.index(one.afferent)),
+        )
     ]
-    rows.sort(key=lambda row: (rank.index(row[0]), order.index(row[1]), AFFERENTS.index(row[2])))
-    return RateTable(
-        tuple(sources), DataFrame(rows, columns=[*columns, "family", "set", "level_um"])
-    )
+    columns = ["source", "stimulus", "afferent", "rate_ips", "family", "set", "level_um"]
+    return RateTable(tuple(sources), DataFrame(rows, columns=columns))
 
 
 def agreement_table(rates: RateTable) -> "DataFrame":
@@ -200,13 +175,12 @@ def agreement_table(rates: RateTable) -> "DataFrame":
     known = (table.reference == OBSERVED) & (table["count"] > 0)
     of_touchsim = table.rmse_ips[table.source == TOUCHSIM].droplevel("source")
     index: Any = table.index
-    unknown: Any = None
     theirs_ips = of_touchsim.reindex(index.droplevel("source")).to_numpy()
     paper = (table.r_squared > PAPER_R_SQUARED) & (table.p_value < PAPER_P_VALUE)
     goal = (table.r_squared >= GOAL_R_SQUARED) & (table.rmse_ips < theirs_ips)
     return table.assign(
-        meets_paper=np.where(known, paper.astype(object), unknown),
-        meets_goal=np.where(known & np.isfinite(theirs_ips), goal.astype(object), unknown),
+        meets_paper=paper.astype(object).where(known, None),
+        meets_goal=goal.astype(object).where(known & np.isfinite(theirs_ips), None),
     )
 
 
@@ -271,20 +245,18 @@ def threshold_table(rates: RateTable) -> "DataFrame":
         if not there.any():
             continue
         amplitude_um, rate_ips = np.array(one.level_um)[there], rate_ips[there]
-        frequency_hz = one.frequency_hz
-        plateau = entrainment_plateau(amplitude_um, rate_ips, frequency_hz)
+        hz = one.frequency_hz
+        plateau = entrainment_plateau(amplitude_um, rate_ips, hz)
         rows.append(
             {
                 "source": source,
                 "afferent": afferent,
-                "frequency_hz": frequency_hz,
+                "frequency_hz": hz,
                 "criterion_ips": CRITERION_IPS,
                 "lowest_tried_um": float(amplitude_um.min()),
                 "highest_tried_um": float(amplitude_um.max()),
                 "threshold_um": threshold_amplitude_um(amplitude_um, rate_ips),
-                "entrainment_threshold_um": threshold_amplitude_um(
-                    amplitude_um, rate_ips, frequency_hz
-                ),
+                "entrainment_threshold_um": threshold_amplitude_um(amplitude_um, rate_ips, hz),
                 "plateau_low_um": plateau.low_um if plateau else np.nan,
                 "plateau_high_um": plateau.high_um if plateau else np.nan,
                 "plateau_decades": plateau.decades if plateau else np.nan,

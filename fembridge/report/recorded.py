@@ -164,18 +164,12 @@ def _beside_recorded(answering: Answering, recorded: "DataFrame", asked: "DataFr
     from pandas import concat
 
     response, model = answering
-    hz_of = {name: asked.frequency_hz[asked.afferent == name].tolist() for name in AFFERENTS}
-    curves = concat(
-        [
-            thresholds(
-                response, model.parameters[name], sorted({*CURVE_HZ, *hz}), model.preindent_um
-            )
-            for name, hz in hz_of.items()
-        ],
-        ignore_index=True,
-    )
-    timing = _timing(recorded, answering)
-    return Beside(timing, against_evidence(curves, asked), curves)
+    found = []
+    for name in AFFERENTS:
+        hz = sorted({*CURVE_HZ, *asked.frequency_hz[asked.afferent == name]})
+        found.append(thresholds(response, model.parameters[name], hz, model.preindent_um))
+    curves = concat(found, ignore_index=True)
+    return Beside(_timing(recorded, answering), against_evidence(curves, asked), curves)
 
 
 def timing_of(trains: Sequence[SpikeTrain]) -> "DataFrame":
@@ -186,15 +180,25 @@ def timing_of(trains: Sequence[SpikeTrain]) -> "DataFrame":
     """
     from pandas import DataFrame
 
-    rows = []
-    for stimulus, afferent in dict.fromkeys((one.stimulus, one.afferent) for one in trains):
-        entry = resolve(stimulus)[0]
-        if isinstance(entry, Sine):
-            same = (stimulus, afferent)
-            mine = [one.times_ms for one in trains if (one.stimulus, one.afferent) == same]
-            numbers = _numbers(mine, entry.frequency_hz, entry.window_ms)
-            rows.append((afferent, entry.frequency_hz, entry.amplitude_um, *numbers))
+    rows = [
+        (
+            name,
+            sine.frequency_hz,
+            sine.amplitude_um,
+            *_numbers(mine, sine.frequency_hz, sine.window_ms),
+        )
+        for (name, sine), mine in _under_sines(trains).items()
+    ]
     return DataFrame(rows, columns=list(TIMING_COLUMNS))
+
+
+def _under_sines(trains: Sequence[SpikeTrain]) -> dict[tuple[str, Sine], list[FloatArray]]:
+    """Spikes in ms of each train, by class and sinusoid; of other stimuli none."""
+    found: dict[tuple[str, Sine], list[FloatArray]] = {}
+    for train in trains:
+        if isinstance(entry := resolve(train.stimulus)[0], Sine):
+            found.setdefault((train.afferent, entry), []).append(train.times_ms)
+    return found
 
 
 def _numbers(
@@ -252,15 +256,15 @@ def phases_of(trains: Sequence[SpikeTrain]) -> "DataFrame":
     from pandas import DataFrame
 
     rows = []
+    found = _under_sines(trains)
     for afferent in AFFERENTS:
-        names = {one.stimulus for one in trains if one.afferent == afferent}
-        sines = [one for name in names if isinstance(one := resolve(name)[0], Sine)]
-        for entry in sorted(sines, key=lambda one: one.amplitude_um)[-_PHASE_PANELS:]:
-            mine = [t.times_ms for t in trains if (t.stimulus, t.afferent) == (entry.id, afferent)]
-            cycle_ms = 1000.0 / entry.frequency_hz
+        sines = [sine for name, sine in found if name == afferent]
+        for sine in sorted(sines, key=lambda one: one.amplitude_um)[-_PHASE_PANELS:]:
+            cycle_ms = 1000.0 / sine.frequency_hz
             edges_ms = np.linspace(0.0, cycle_ms, _PHASE_BINS + 1)
-            counts, _ = np.histogram(np.concatenate(mine) % cycle_ms, bins=edges_ms)
-            key = (afferent, entry.frequency_hz, entry.amplitude_um)
+            together = np.concatenate(found[afferent, sine])
+            counts, _ = np.histogram(together % cycle_ms, bins=edges_ms)
+            key = (afferent, sine.frequency_hz, sine.amplitude_um)
             rows += [(*key, *pair) for pair in zip(edges_ms, counts, strict=False)]
     columns = ["afferent", "frequency_hz", "amplitude_um", "phase_ms", "spikes"]
     return DataFrame(rows, columns=columns)
@@ -304,7 +308,6 @@ def _distance(table: "DataFrame", parameters: Parameters) -> "DataFrame":
     from fembridge.touching.touch import touch_skin
     from fembridge.touching.way import Way
 
-    pad = pad_named("reference")
     # A line of median units and one of keenest ones.
     units = Population.line(step_mm=0.25, half_length_mm=8.0, afferents=("RA", "RA"))
     keenest = norm.ppf(0.5 / parameters["RA"].cells)
@@ -312,17 +315,10 @@ def _distance(table: "DataFrame", parameters: Parameters) -> "DataFrame":
     window_ms = (2000.0 / _PIN_HZ, 10_000.0 / _PIN_HZ)
     times_ms = np.arange(round(window_ms[1] / DT_MS) + 1) * DT_MS
     wave = np.sin(2e-3 * np.pi * _PIN_HZ * times_ms)
-    reached = [
-        touch_skin(
-            pad,
-            Shape.punch(_PIN_MM),
-            Way("sine", DT_MS, window_ms, _PIN_DEEP_UM + amplitude_um * wave),
-            units,
-            parameters,
-        ).rate_ips
-        >= 0.99 * _PIN_HZ
-        for amplitude_um in _PIN_UM
-    ]
+    pad, pin = pad_named("reference"), Shape.punch(_PIN_MM)
+    ways = [Way("sine", DT_MS, window_ms, _PIN_DEEP_UM + one_um * wave) for one_um in _PIN_UM]
+    touched = [touch_skin(pad, pin, way, units, parameters) for way in ways]
+    reached = [one.rate_ips >= 0.99 * _PIN_HZ for one in touched]
     least_um = np.where(np.any(reached, axis=0), _PIN_UM[np.argmax(reached, axis=0)], np.nan)
     median, keen = (
         np.interp(table["distance_mm"], *each)

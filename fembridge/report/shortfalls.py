@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fembridge.evidence import TIMING_COLUMNS
 from fembridge.report import rates
 from fembridge.report.rates import EVERY_SET, FAMILIES, FINGERTIP, OBSERVED, Family, row_of
 from fembridge.report.recorded import RAMP
@@ -115,22 +114,20 @@ def _held_out_shortfalls(study: Validation) -> Iterator[str]:
 
 
 def _timing_shortfalls(timing: "DataFrame") -> Iterator[str]:
-    for row in timing[~timing["strengths_near"]].to_dict("records"):
-        mine, theirs = (
-            " and ".join(f"{row[f'{prefix}{name}']:.2f}" for name in TIMING_COLUMNS[3:][1:])
-            for prefix in ("model_", "")
+    for row in timing[~timing["strengths_near"]].itertuples():
+        words = (
+            f"vector strength {row.model_strength_f:.2f} and {row.model_strength_2f:.2f} at the "
+            f"frequency and at twice it, recorded {row.strength_f:.2f} and {row.strength_2f:.2f}"
         )
-        words = f"vector strength {mine} at the frequency and at twice it, recorded {theirs}"
-        if np.isnan(row["model_strength_f"]):
+        if not row.model_impulses_per_cycle:
             words = "no spikes where recorded afferents fire"
-        place = f"{row['frequency_hz']:g} Hz, {row['amplitude_um']:g} µm"
-        yield f"{row['afferent']}, timing at {place}: {words}."
-    off = timing[~timing["impulses_near"]]
-    for afferent in dict.fromkeys(off["afferent"]):
+        place = f"{row.frequency_hz:g} Hz, {row.amplitude_um:g} µm"
+        yield f"{row.afferent}, timing at {place}: {words}."
+    for afferent, off in timing[~timing["impulses_near"]].groupby("afferent", sort=False):
         words = ", ".join(
-            f"{row['model_unit_impulses']:.1f} instead of {row[TIMING_COLUMNS[3:][0]]:.1f} at "
-            f"{row['amplitude_um']:g} µm"
-            for row in off[off["afferent"] == afferent].to_dict("records")
+            f"{row.model_unit_impulses:.1f} instead of {row.impulses_per_cycle:.1f} at "
+            f"{row.amplitude_um:g} µm"
+            for row in off.itertuples()
         )
         yield f"{afferent}, impulses a cycle of the cell most like the recorded unit: {words}."
 

@@ -61,16 +61,14 @@ class JudgedModel(ParameterSet):
 
     def held_out(self) -> dict[str, dict[str, Any]]:
         """What `fembridge fit --held-out` left of each class: see `held_out_table`."""
-        fit = self.origin.get("fit")
-        of_class = fit if isinstance(fit, Mapping) else {}
+        of_class = _table_in(self.origin, "fit")
         found = {name: of_class.get(name, {}).get("held_out") for name in AFFERENTS}
         return {name: table for name, table in found.items() if table}
 
     def unlike(self, response: ResponseMap) -> str:
         """What was otherwise where the parameters were fitted; "": nothing."""
-        table = response.origin.get("finger")
-        here = finger_id(table) if isinstance(table, Mapping) else {}
-        return unlike_the_fit(self, here, {self.preindent_um})
+        table = _table_in(response.origin, "finger")
+        return unlike_the_fit(self, finger_id(table) if table else {}, {self.preindent_um})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,8 +104,7 @@ class Validation:
     @property
     def finger(self) -> str:
         """Name of the finger that the response is of."""
-        finger = self.response.origin.get("finger")
-        return str(finger.get("name", "own")) if isinstance(finger, Mapping) else "own"
+        return str(_table_in(self.response.origin, "finger").get("name", "own"))
 
 
 def validate(
@@ -120,30 +117,19 @@ def validate(
 ) -> Validation:
     """Compute the 82 stimuli of the paper on the response of a finger.
 
-    Parameters
-    ----------
-    models
-        The model to judge, then those that are shown beside it.
-    observed
-        Rates to judge it by; any of the paper's stimuli and classes will do.
-    log
-        Called with a line for what is left out, or does not belong together.
-    facts, trains
-        Tables of evidence, by name, and recorded spike trains to show in the place of the
-        published ones.
-
-    Raises
-    ------
-    UsageError
-        Observed rates of none of the paper's stimuli.
-    ResponseError
-        A model's probe goes deeper than the response.
+    The first of `models` is judged, by `observed` rates of any of the paper's stimuli and
+    classes. `log` gets a line for what is left out, or does not belong together. `facts`,
+    tables of evidence by name, and recorded `trains` are shown in the place of the published
+    ones. Raises UsageError: observed rates of none of the paper's stimuli. ResponseError: a
+    model's probe goes deeper than the response.
     """
     from fembridge.touching.pad import pad_named
     from fembridge.touching.stress import pad_response
 
     left_out = _left_out(observed, log)
-    pad, fingertip = pad_response(pad_named("reference")), fingertip_model()
+    pad, fitted = pad_response(pad_named("reference")), _model(FINGERTIP_SET)
+    source = f"{FINGERTIP_SET}, under a flat 1 mm pin on the stored pad: {fitted.source}"
+    fingertip = replace(fitted, name=FINGERTIP, source=source)
     simulations = {model.name: _simulated(model, response) for model in models}
     simulations[FINGERTIP] = _simulated(fingertip, pad)
     sources: dict[str, Sequence[Rate]] = {OBSERVED: observed.rates()} if observed else {}
@@ -235,18 +221,17 @@ def judged_models(word: str = DEFAULT_SET) -> tuple[JudgedModel, ...]:
     return (judged, published)
 
 
-def fingertip_model() -> JudgedModel:
-    """The shipped parameters of the whole fingertip."""
-    found = _model(FINGERTIP_SET)
-    source = f"{FINGERTIP_SET}, under a flat 1 mm pin on the stored pad: {found.source}"
-    return replace(found, name=FINGERTIP, source=source)
+def _table_in(origin: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """The table of that name, {} where there is none."""
+    found = origin.get(name)
+    return found if isinstance(found, Mapping) else {}
 
 
 def _model(word: str) -> JudgedModel:
     found = parameter_set(word)
-    fit = found.origin.get("fit")
-    source = fit.get("source") if isinstance(fit, Mapping) else None
-    source = str(source or f"parameter set {word!r} of fembridge")
+    source = str(
+        _table_in(found.origin, "fit").get("source") or f"parameter set {word!r} of fembridge"
+    )
     if word not in SET_NAMES:
         source = f"file {Path(word).name}, SHA-256 {sha256_of(Path(word))[:_SHORT_DIGEST]}"
     known = {each.name: getattr(found, each.name) for each in fields(found)}

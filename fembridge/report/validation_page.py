@@ -57,7 +57,7 @@ from fembridge.report.rates import (
     RateTable,
     row_of,
 )
-from fembridge.report.recorded import Beside, Evidence
+from fembridge.report.recorded import Evidence
 from fembridge.report.shortfalls import fingertip_shortfalls, shortfalls
 from fembridge.report.validate import PUBLISHED_NAME, RASTER_STIMULI, Validation, repeated_trains
 from fembridge.stimulus import Stimulus
@@ -65,7 +65,7 @@ from fembridge.store import filling, sha256_of, write_text, write_toml
 from fembridge.tables import AFFERENTS, SPIKE_COLUMNS, SpikeTrain, spikes_frame
 from fembridge.typing import Table
 from fembridge.version import __version__
-from fembridge.words import ABSENT, number, rendered
+from fembridge.words import ABSENT, number, rendered, worded
 from neural import threshold
 from neural.parameter_sets import parameters_to_table
 
@@ -93,7 +93,12 @@ _TIMING_HEADS = {
 _CONVERGENCE_HEADS = {"change_percent": "last step (%)", "limit": "limit", "order": "order"}
 _LIBRARIES = ("numpy", "scipy", "matplotlib")
 _LEAST_P = 0.001
-_HEADS = ("R²", "p", "RMSE (ips)", "bias (ips)")
+_HEADS = {
+    "r_squared": "R²",
+    "p_value": "p",
+    "rmse_ips": "RMSE (ips)",
+    "bias_ips": "bias (ips)",
+}
 # Colours that a page has under a name, one value for light and one for dark. White
 # is the paper and what lies on it: the faces of open marks.
 _NAMED = {
@@ -115,22 +120,9 @@ _EVIDENCE_IN = 2.1
 
 
 def write_report(folder: Path, study: Validation, command: str) -> tuple[str, ...]:
-    """Write the report of `study` into `folder`: all of it or nothing.
+    """Write the report of `study` into `folder`, all of it or nothing; its files, the page first.
 
-    Parameters
-    ----------
-    command
-        The command line that made it; it is shown under every number.
-
-    Returns
-    -------
-    tuple of str
-        Names of the files, the page first.
-
-    Raises
-    ------
-    OutputError
-        `folder` cannot be written. What stood there before is untouched.
+    `command` is the line that made it, which is shown under every number.
     """
     with filling(folder, last=RECORD) as draft:
         write_text(draft / PAGE, page_text(study, command, draft))
@@ -246,14 +238,27 @@ def csv_tables(study: Validation) -> dict[str, "DataFrame"]:
         )
         for mesh in study.deflections
     ]
-    converged = DataFrame(
-        [
-            {**row, "values": value, "mesh": mesh.name, "elements": mesh.elements}
-            for row in study.convergence
-            for mesh, value in zip(study.deflections, row["values"], strict=True)
-        ]
-    ).rename(columns={"values": "value", "change_percent": "last_change_percent"})
+    converged = [
+        (
+            row["quantity"],
+            mesh.name,
+            mesh.elements,
+            value,
+            *(row[name] for name in _CONVERGENCE_HEADS),
+        )
+        for row in study.convergence
+        for mesh, value in zip(study.deflections, row["values"], strict=True)
+    ]
     columns = ["quantity", "mesh", "elements", "value", "last_change_percent", "limit", "order"]
+    beside = {
+        f"{prefix}{name}": table
+        for prefix, found in (("", study.evidence.judged), ("fingertip_", study.evidence.fingertip))
+        for name, table in (
+            ("timing", found.timing),
+            ("tuning", found.tuning),
+            ("tuning_curves", found.curves),
+        )
+    }
     return {
         "rates": study.rates.frame,
         "agreement": study.agreement.drop(columns=["meets_paper", "meets_goal"]),
@@ -262,20 +267,14 @@ def csv_tables(study: Validation) -> dict[str, "DataFrame"]:
         "entrainment": thresholds.drop(columns=tried),
         "locking": study.locking,
         "deflection": concat(profiles)[["mesh", "elements", "distance_mm", "deflection_mm"]],
-        "deflection_convergence": converged.reindex(columns=columns),
+        "deflection_convergence": DataFrame(converged, columns=columns),
         "phases": study.evidence.phases,
-        **_tables_beside("", study.evidence.judged),
-        **_tables_beside("fingertip_", study.evidence.fingertip),
+        **beside,
         **({} if study.held_out.empty else {"held_out": study.held_out}),
         "distance": study.evidence.distance,
         "impulses_in_man": study.evidence.man,
         "ramp_and_hold": spikes_frame(study.evidence.ramp),
     }
-
-
-def _tables_beside(prefix: str, found: Beside) -> dict[str, "DataFrame"]:
-    names = {"timing": found.timing, "tuning": found.tuning, "tuning_curves": found.curves}
-    return {f"{prefix}{name}": table for name, table in names.items()}
 
 
 def _table_html(frame: "DataFrame", look: str = "") -> "Markup":
@@ -290,20 +289,10 @@ def _table_html(frame: "DataFrame", look: str = "") -> "Markup":
 
 def _in_words(agreement: "DataFrame") -> "DataFrame":
     """R², p, RMSE and bias of each cell, or that there are none."""
-    from pandas import DataFrame
-
-    def p_text(value: float) -> str:
-        return f"<{_LEAST_P:g}" if value < _LEAST_P else number(value, ".3f")
-
-    texts = (
-        agreement.r_squared.map(lambda value: number(value, ".2f")),
-        agreement.p_value.map(p_text),
-        agreement.rmse_ips.map(lambda value: number(value, ".1f")),
-        agreement.bias_ips.map(lambda value: number(value, "+.1f")),
-    )
-    words = DataFrame(dict(zip(_HEADS, texts, strict=True))).rename_axis(columns="number")
+    words = worded(agreement[[*_HEADS]], ".2f|.3f|.1f|+.1f").rename(columns=_HEADS)
+    words.loc[agreement.p_value < _LEAST_P, "p"] = f"<{_LEAST_P:g}"
     words[agreement["count"] == 0] = ["none", "", "", ""]
-    return words
+    return words.rename_axis(columns="number")
 
 
 def _laid_out(words: Any, *across: str) -> "DataFrame":  # noqa: ANN401 - pandas' stubs
@@ -385,14 +374,8 @@ def _family(study: Validation, family: Family) -> dict[str, Any]:
 
 def _amplitude_words(row: Any, amplitude_um: float) -> str:  # noqa: ANN401 - a row
     """An amplitude of a row of thresholds: ``≤ 6.71``, ``23.0``, ``> 250``."""
-    if math.isinf(amplitude_um):
-        return f"> {_amplitude(row.highest_tried_um)}"
-    sign = "≤ " if amplitude_um <= row.lowest_tried_um else ""
-    return f"{sign}{_amplitude(amplitude_um)}"
-
-
-def _amplitude(value_um: float) -> str:
-    return f"{value_um:#.3g}".removesuffix(".")
+    sign = "> " if math.isinf(amplitude_um) else "≤ " * (amplitude_um <= row.lowest_tried_um)
+    return f"{sign}{min(amplitude_um, row.highest_tried_um):#.3g}".removesuffix(".")
 
 
 def _threshold_frames(study: Validation) -> dict[str, "DataFrame"]:
@@ -400,12 +383,10 @@ def _threshold_frames(study: Validation) -> dict[str, "DataFrame"]:
     strongest = {one.entries[-1].id: one.frequency_hz for one in SINES.sets}
     locked = study.locking[study.locking.stimulus.isin(list(strongest))]
     strengths = locked.set_index(["source", "afferent", "frequency_hz"]).vector_strength
+    named = {"thresholds": "threshold_um", "entrainment": "entrainment_threshold_um"}
     tables = {
         name: study.thresholds.apply(lambda row, of=of: _amplitude_words(row, row[of]), axis=1)
-        for name, of in (
-            ("thresholds", "threshold_um"),
-            ("entrainment", "entrainment_threshold_um"),
-        )
+        for name, of in named.items()
     }
     tables["locking"] = strengths.map(lambda value: number(value, ".2f")).loc[[*study.simulations]]
     return {
@@ -548,13 +529,8 @@ def _record(study: Validation, command: str, folder: Path) -> Table:
 
 def source_title(source: str, judged: str) -> str:
     """Words for a source in figures and tables."""
-    titles = {judged: "This model", OBSERVED: "Observed", PUBLISHED_NAME: "Published model"}
-    titles[FINGERTIP] = "Whole fingertip"
-    return titles.get(source, source)
-
-
-def _colour(source: str, afferent: str) -> str:
-    return {OBSERVED: INK, TOUCHSIM: GREY}.get(source) or class_style(afferent)["color"]
+    titles = {OBSERVED: "Observed", PUBLISHED_NAME: "Published model", FINGERTIP: "Whole fingertip"}
+    return titles.get(source, "This model" if source == judged else source)
 
 
 @in_style
@@ -595,7 +571,7 @@ def regression_figure(
 def _draw_points(panel: "Axes", rates: RateTable, family: Family, cell: Any) -> None:  # noqa: ANN401 - row
     words = "no rates to compare"
     if cell["count"]:
-        colour = _colour(cell.source, cell.afferent)
+        colour = GREY if cell.source == TOUCHSIM else AFFERENT_COLOURS[cell.afferent]
         pair = (cell.reference, cell.source)
         for marker, one in zip(MARKERS, family.sets, strict=False):
             points_ips = (rates.of(source, cell.afferent, one.stimuli) for source in pair)
@@ -605,8 +581,7 @@ def _draw_points(panel: "Axes", rates: RateTable, family: Family, cell: Any) -> 
             ends_ips = np.array([np.nanmin(all_ips), np.nanmax(all_ips)])
             line_ips = cell.slope * ends_ips + cell.intercept_ips
             panel.plot(ends_ips, line_ips, color=colour, **_REGRESSION)
-        share = "–" if math.isnan(cell.r_squared) else f"{cell.r_squared:.2f}"
-        words = f"R² {share}, RMSE {cell.rmse_ips:.1f} ips"
+        words = f"R² {number(cell.r_squared, '.2f')}, RMSE {cell.rmse_ips:.1f} ips"
     panel.set_title(words, loc="left", pad=5)
 
 
@@ -619,8 +594,8 @@ def rasters_figure(
     order = list(dict.fromkeys(train.stimulus for train in trains))
     mine = [train for train in recorded if train.stimulus in order]
     every = [*trains, *(replace(one, stimulus=f"{one.stimulus}, {OBSERVED}") for one in mine)]
-    rows = {train.stimulus for train in every}
-    stimuli = sorted(rows, key=lambda row: (order.index(row.partition(",")[0]), row))
+    rows = dict.fromkeys(train.stimulus for train in every)
+    stimuli = sorted(rows, key=lambda row: order.index(row.partition(",")[0]))
     return raster_figure(every, stimuli=stimuli, waveform=strongest)
 
 
@@ -639,11 +614,8 @@ def phase_figure(found: Evidence) -> "Figure":
         words = f"{name}\n{frequency_hz:g} Hz\n{amplitude_um:g} µm"
         note(panel, words, (0.98, 0.97), (0, 0), ha="right", va="top")
     panels[0].set_ylabel("Share of the spikes")
-    samples = [
-        {"color": INK},
-        [{"color": AFFERENT_COLOURS[one], "linewidth": 4} for one in AFFERENTS],
-    ]
-    legend_above(figure, samples, ["recorded", "this model"])
+    model = [{"color": AFFERENT_COLOURS[one], "linewidth": 4} for one in AFFERENTS]
+    legend_above(figure, [{"color": INK}, model], ["recorded", "this model"])
     return figure
 
 
@@ -655,19 +627,16 @@ def man_figure(found: Evidence) -> "Figure":
     for panel, name in zip(panels, AFFERENTS, strict=True):
         colour = AFFERENT_COLOURS[name]
         for frequency_hz, rows in found.man[found.man["afferent"] == name].groupby("frequency_hz"):
-            style = {"alpha": fills.get(float(str(frequency_hz)), 1.0)}
-            panel.plot(rows["amplitude_um"], rows["model"], color=colour, **style)
-            panel.plot(
-                rows["amplitude_um"], rows["impulses_per_cycle"], **dots(colour, 3.5, **style)
-            )
+            alpha = fills.get(float(str(frequency_hz)), 1.0)
+            panel.plot("amplitude_um", "model", data=rows, color=colour, alpha=alpha)
+            medians = dots(colour, 3.5, alpha=alpha)
+            panel.plot("amplitude_um", "impulses_per_cycle", data=rows, **medians)
         log_axis(panel, 6.0, 400.0)
         panel.set_xlabel("Amplitude (µm)")
         note(panel, name, (0.04, 0.9), (0, 0), **class_style(name))
     panels[0].set_ylabel("Impulses a cycle")
-    samples = [{"color": INK, "alpha": alpha} for alpha in fills.values()]
-    samples.append(dots(INK, 3.5))
-    names = [*(f"model, {hz:g} Hz" for hz in fills), "medians in man"]
-    legend_above(figure, samples, names)
+    samples = [*({"color": INK, "alpha": alpha} for alpha in fills.values()), dots(INK, 3.5)]
+    legend_above(figure, samples, [*(f"model, {hz:g} Hz" for hz in fills), "medians in man"])
     return figure
 
 
@@ -675,19 +644,18 @@ def man_figure(found: Evidence) -> "Figure":
 def distance_figure(found: Evidence) -> "Figure":
     """Amplitude for one impulse a cycle against distance: recorded as dots, RA's as lines."""
     figure, [[panel]] = new_figure(_EVIDENCE_IN)
-    colour, table = AFFERENT_COLOURS["RA"], found.distance
-    keenest: dict[str, Any] = {"color": colour, "dashes": (3, 2)}
-    panel.plot(table["distance_mm"], table["model_um"], color=colour)
-    panel.plot(table["distance_mm"], table["keenest_um"], **keenest)
-    panel.plot(table["distance_mm"], table["amplitude_um"], **dots(INK, 3.5))
+    colour = AFFERENT_COLOURS["RA"]
+    styles: dict[str, dict[str, Any]] = {
+        "amplitude_um": dots(INK, 3.5),
+        "model_um": {"color": colour},
+        "keenest_um": {"color": colour, "dashes": (3, 2)},
+    }
+    for name, style in styles.items():
+        panel.plot("distance_mm", name, data=found.distance, **style)
     panel.set_yscale("log")
     panel.set_yticks([50, 100, 200, 500], ["50", "100", "200", "500"])
     panel.set_yticks([], minor=True)
     panel.set_xlabel("Distance from the probe’s centre (mm)")
     panel.set_ylabel("Amplitude (µm)")
-    legend_above(
-        figure,
-        [dots(INK, 3.5), {"color": colour}, keenest],
-        ["recorded", "median cell", "keenest cell"],
-    )
+    legend_above(figure, styles.values(), ["recorded", "median cell", "keenest cell"])
     return figure

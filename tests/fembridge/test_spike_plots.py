@@ -105,10 +105,6 @@ def test_the_same_spikes_give_the_same_file(tmp_path, suffix):
 def test_nothing_to_draw_is_refused():
     with pytest.raises(UsageError, match="no stimulus or no class to draw"):
         raster_figure([])
-    with pytest.raises(UsageError, match="'SA2', expected SA, RA, PC"):
-        raster_figure([train()], afferents=["SA2"])
-    with pytest.raises(UsageError, match="sine_20_250, which has no row"):
-        raster_figure([train()], stimuli=["noise_25_250_10"])
 
 
 def test_drawing_leaves_pyplot_and_its_global_state_alone(tmp_path, monkeypatch):
