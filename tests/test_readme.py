@@ -44,14 +44,12 @@ def test_the_python_shown_runs_and_gives_the_rates_shown(tmp_path, monkeypatch):
 @pytest.mark.parametrize("table", blocks("toml"))
 def test_the_finger_shown_is_one(table):
     finger = finger_from(tomllib.loads(table), name="mine")
-
     assert finger.skin.epidermis_mm == 0.5
     assert finger.afferents["SA"].depth_mm == 0.70
 
 
 def test_every_verb_stands_in_the_readme_and_no_other():
     shown = set(re.findall(r"`fembridge ([a-z-]+)", README))
-
     assert shown == set(VERBS)
 
 

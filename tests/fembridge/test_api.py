@@ -36,9 +36,7 @@ def test_the_examples_are_true(tmp_path, module, monkeypatch):
 def test_simulate_gives_what_the_command_writes(tmp_path):
     words = ["--stimulus", "sine_20_250,noise_25_250_20", "--no-plot", "-o", "out"]
     assert main(["simulate", *words]) == 0
-
     result = fb.simulate(["sine_20_250", "noise_25_250_20"])
-
     for frame, name in ((result.rates, "rates"), (result.spikes, "spikes")):
         pandas.testing.assert_frame_equal(frame, pandas.read_csv(f"out/{name}.csv"))
     result.write("again")
@@ -64,7 +62,6 @@ def test_no_module_hides_a_public_function():
 
 def test_values_are_shown_in_a_notebook_without_their_samples(two):
     shown = f"{two!r} {two.stimuli[0]!r} {two.traces[0][0]!r}"
-
     assert len(shown) < 300
     assert "sine_20_250" in shown
     assert "501 samples" in shown

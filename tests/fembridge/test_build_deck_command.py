@@ -87,7 +87,6 @@ def test_help_shows_an_example_that_runs(here, capsys):
 def test_a_probe_that_slides_has_its_way_in_deck_and_waveform(here):
     words = ["build-deck", "--stimulus", "sine_20_250", "--slide-mm-per-s", "4"]
     assert main(words) == 0
-
     folder = here / "runs" / "sine_20_250_slide_4"
     lines = (folder / "stimulus.csv").read_text("utf-8").splitlines()
     assert lines[0] == "time_ms,displacement_um,aside_um"
@@ -158,9 +157,7 @@ def test_building_again_touches_nothing(tmp_path, model):
     stimulus = stimulus_of("sine_50_250")
     build_run_folder(tmp_path, model, stimulus)
     before = {path.name: path.stat().st_ino for path in tmp_path.iterdir()}
-
     build_run_folder(tmp_path, model, stimulus)
-
     assert {path.name: path.stat().st_ino for path in tmp_path.iterdir()} == before
 
 

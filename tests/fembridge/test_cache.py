@@ -133,9 +133,7 @@ def files_of(folder):
 def test_the_same_deck_in_another_folder_takes_the_same_files(fake_ccx, make_run):
     first, second = make_run(name="first"), make_run(name="second")
     assert not solve(first).cached
-
     outcome = solve(second)
-
     assert outcome.accepted
     assert outcome.cached
     assert (outcome.increments, outcome.iterations) == (4, 8)
@@ -162,9 +160,7 @@ def test_another_deck_another_program_or_no_cache_is_solved(fake_ccx, make_run):
 def test_what_the_solver_gave_up_is_remembered_with_its_cause(fake_ccx, make_run):
     first, second = (make_run("diverged", name=name) for name in ("first", "second"))
     failure = solve(first).failure
-
     outcome = solve(second)
-
     assert outcome.cached
     assert outcome.failure == failure
     assert outcome.failure.cause is Cause.DIVERGED

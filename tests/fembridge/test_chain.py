@@ -70,9 +70,7 @@ def test_four_verbs_without_options_are_one(here):
 )
 def test_run_toml_names_set_and_depth(here, words, depth_um, name):
     (here / "mine.toml").write_text("base = 'fitted'\n[SA]\ntau_ms = 50.0\n", encoding="utf-8")
-
     assert main(["build-deck", "--stimulus", "sine_20_250", *words]) == 0
-
     origin = read_run_folder(here / "runs/sine_20_250").origin()
     assert (origin.preindent_um, origin.parameters["name"]) == (depth_um, name)
     assert (origin.stimulus, origin.finger["name"]) == ("sine_20_250", "quick")
@@ -82,10 +80,8 @@ def test_run_toml_names_set_and_depth(here, words, depth_um, name):
 def test_a_deck_of_ones_own_stays_where_it_is(here):
     assert main(["build-deck", "--stimulus", "sine_20_250", "--parameters", "published"]) == 0
     base = here / "runs/sine_20_250/job.inp"
-
     words = ["--base-deck", str(base), "--afferent", "SA=461", "-o", "own"]
     assert main(["build-deck", "--stimulus", "sine_20_250", *words]) == 0
-
     origin = read_run_folder(here / "own/sine_20_250").origin()
     assert (origin.preindent_um, origin.parameters) == (0.0, {"name": "fitted"})
     assert origin.finger["name"] == "job.inp"
@@ -133,9 +129,7 @@ def test_a_table_that_was_changed_is_of_no_run(here, capsys):
     with (here / "traces.csv").open("a", encoding="utf-8") as file:
         file.write("\n")
     capsys.readouterr()
-
     encoded()
-
     shown = capsys.readouterr().err
     assert "traces.csv.toml: of another table than traces.csv, not used" in shown
     assert "(here: not known)" in shown
@@ -146,9 +140,7 @@ def test_a_table_of_no_run_takes_an_old_record_away(here):
     assert main(["ingest", "run", "-o", "traces.csv"]) == 0
     shutil.copy("run/job.frd", "alone.frd")
     node = fb.read("run")[0].node
-
     assert main(["ingest", "alone.frd", "--node", str(node), "-o", "traces.csv"]) == 0
-
     assert not (here / "traces.csv.toml").exists()
 
 
@@ -189,9 +181,7 @@ def test_a_finger_of_the_same_name_is_distinguished_where_a_set_is_used(here, fi
     [run] = fb.build_deck("sine_20_250", finger=finger)
     traces, said = fb.read(RECORDED), []
     traces.origin = run.origin()
-
     fb.encode(traces, parameters="mine.toml" if name == "mine" else name, log=said.append)
-
     words = f"parameters {name} were fitted on finger 'quick' (here: another of that name)"
     assert said == [words] * ((finger, name) != ("quick", "fitted"))
 

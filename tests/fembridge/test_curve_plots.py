@@ -127,7 +127,6 @@ def panels(figure):
 
 def test_a_panel_a_frequency_has_levels_in_order_and_a_family_one_scale():
     figure = rates_figure(OWN)
-
     shown = panels(figure)
     assert list(shown) == ["20 Hz", "300 Hz", "25–250 Hz"]
     assert_allclose(shown["20 Hz"].lines[0].get_xydata(), [[25, 3], [250, 30]])
@@ -159,7 +158,6 @@ def test_what_is_beside_is_of_the_same_frequencies_and_the_legend_names_it():
 
 def test_stimuli_without_an_amplitude_are_said_and_not_drawn():
     entries, strange = placed([*OWN, Rate("my own", "SA", 1.0)])
-
     assert (len(entries), strange) == (4, ["my own"])
     with pytest.raises(UsageError, match="no rate"):
         rates_figure([Rate("my own", "SA", 1.0)])

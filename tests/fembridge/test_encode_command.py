@@ -60,7 +60,6 @@ def test_the_tables_hold_the_spikes_and_rates_of_encode(here, capsys):
 
 def test_the_derivative_is_passed_on(here):
     main(["encode", "sine_50_250.csv", *OURS, "--derivative", "forward", "--no-raster"])
-
     trains = {one.afferent: one for one in read_spikes(here / "encoded/spikes.csv")}
     [_, _, pc] = traces()
     [forward] = encode(pc.stress_pa, 0.5, PUBLISHED["PC"], derivative="forward")
@@ -142,9 +141,7 @@ def test_any_even_step_is_put_on_that_of_the_parameters(here, capsys, dt_ms):
     write_traces(here / "other.csv", [StressTrace(wave, dt_ms, 1, "SA")])
     exact = 2e4 * (1 - np.cos(2e-3 * np.pi * 20 * np.arange(501) * 0.5))
     [alike_ms] = encode(exact, 0.5, PUBLISHED["SA"])
-
     assert main(["encode", "other.csv", "--parameters", "published", "--no-raster"]) == 0
-
     assert f"every {dt_ms:g} ms: resampled to every 0.5 ms" in capsys.readouterr().err
     found_ms = spikes_by(here / "encoded/spikes.csv")["SA", "", 0]
     np.testing.assert_allclose(found_ms, alike_ms, rtol=0, atol=0.5)

@@ -224,10 +224,8 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_search(
     else:
         (tmp_path / "out").write_text("mine")
     monkeypatch.setattr(fitting, "search_front", lambda *_, **__: pytest.fail("searched"))
-
     with pytest.raises(OutputError) as caught:
         call()
-
     assert caught.value.path == tmp_path / "out" / name
 
 

@@ -148,9 +148,7 @@ def test_a_run_folder_is_in_mpa_always(run_folder, capsys):
 def test_one_sided_stress_has_a_row_a_material_and_none_of_the_mean(capsys):
     """Two layers stretched by 1 %, free above: E/(1 - nu^2) of each, nu 0.3."""
     interface = str(SAMPLES / "interface_cpe8r.frd")
-
     assert main(["ingest", interface, "--node", *NODES, "--one-sided", "EALL"]) == 0
-
     rows = rows_of("interface_cpe8r_sides.csv")
     for side, young_mpa in zip(rows, 3 * (0.05, 2.0), strict=True):
         pull_pa = 1e6 * young_mpa / (1 - 0.3**2) * 0.01

@@ -53,7 +53,6 @@ def test_a_file_cut_before_its_inputs_is_refused(tmp_path, share):
     path = tmp_path / "run.toml"
     content = path.read_bytes()
     path.write_bytes(content[: int(share * content.index(b"[inputs]"))])
-
     with pytest.raises(ResultError):
         read_run_folder(tmp_path)
 

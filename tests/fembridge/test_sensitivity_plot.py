@@ -134,7 +134,6 @@ def test_a_table_of_an_unknown_kind_is_refused_before_anything_is_written(result
 def test_the_picture_has_a_line_from_low_to_high_in_each_row():
     figure = effects_figure(single_effects(fingers(one_at_a_time(BASE, RANGES))))
     sa, pc, sa_stress, _ = figure.axes
-
     rows = [text.get_text() for text in sa.get_yticklabels()]
     assert rows == ["dermis modulus", "dermis thickness", "friction"]
     assert sa.get_title() == "SA"

@@ -95,7 +95,6 @@ def test_json_is_all_that_stdout_holds_and_the_record_names_the_source(here, cap
 
 def test_without_a_plot_an_older_one_does_not_stay_beside_other_spikes(result, capsys):
     main(["simulate", "--stimulus", "sine_20_250", "-o", "out", "--no-plot"])
-
     assert sorted(contents(result)) == [name for name in FILES if name != "raster.png"]
     assert "raster" not in capsys.readouterr().out.splitlines()[-1]
 

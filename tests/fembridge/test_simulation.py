@@ -68,9 +68,7 @@ def test_spikes_are_those_of_each_trace_alone(simulation):
 def test_windows_may_differ_from_stimulus_to_stimulus():
     stimuli = [make_stimulus(e) for e in resolve(["sine_20_250,sine_100_85.98"])]
     assert [s.window_ms for s in stimuli] == [(5.0, 250.0), (100.0, 200.0)]
-
     found = encode_all(stimuli, traces_of(stimuli), PUBLISHED, {})
-
     last, train = found.mean_rates[-1], found.trains[-1]
     inside = (train.times_ms > 100.0) & (train.times_ms <= 200.0)
     assert last.rate_ips == pytest.approx(inside.sum() / 0.1, rel=1e-12)
@@ -87,9 +85,7 @@ def test_the_finger_of_an_earlier_simulation_goes_and_one_of_ones_own_stays(
         finger = {"response": {"finger": {"name": "quick"}}}
         replace(simulation, origin=finger).write(tmp_path)
         assert (tmp_path / "finger.toml").exists()
-
     simulation.write(tmp_path)  # no response, no finger
-
     assert (tmp_path / "finger.toml").exists() == mine
 
 
@@ -259,7 +255,6 @@ def test_a_stored_response_can_be_asked_for_where_a_solver_is(tmp_path, model, c
 def test_with_a_solver_the_response_is_solved_below_the_folder(tmp_path, model, ccx):
     stimuli = stimuli_of("sine_20_12.5,sine_20_250", preindent_um=100.0)
     found = simulate(stimuli, model, tmp_path)
-
     assert ccx == [(tmp_path / "response", model, 350.0)]
     assert found.origin["source"] == "CalculiX"
 
@@ -332,9 +327,7 @@ def test_a_transient_that_diverges_gets_the_next_contact_and_the_others_stay(
     tmp_path, model, accepting, transients, lines
 ):
     transients.failures = [Cause.DIVERGED]
-
     found = simulate(TWO, model, tmp_path, method="transient", log=lines.append)
-
     both = [tmp_path / "runs" / stimulus.id for stimulus in TWO]
     assert [places for places, _ in transients] == [both, both[1:]]
     used = [contact_of(place) for place in both]
@@ -355,7 +348,6 @@ def test_where_there_is_no_map_each_waveform_is_solved_and_the_reason_logged(
     tmp_path, model, ccx, transients, lines, change, waves, reason
 ):
     found = simulate(waves, change(model), tmp_path, log=lines.append)
-
     [(places, _)] = transients
     assert len(places) == 2
     assert reason in lines[0]
@@ -368,7 +360,6 @@ def test_skin_that_slips_under_friction_gets_transients_with_that_contact(
     tmp_path, model, slipping, transients, lines
 ):
     found = simulate(ONE, model, tmp_path, log=lines.append)
-
     [([place], _)] = transients
     assert contact_of(place)["friction"] == LADDER[0].friction
     assert lines[0].startswith("skin slips under the probe")
@@ -387,7 +378,6 @@ def test_after_a_slip_contacts_with_friction_follow_and_no_others(
     transients.failures = [Cause.DIVERGED]
     simulate(ONE, model, tmp_path / "once")
     assert contact_of(tmp_path / "once/runs/sine_20_250")["stick_share"] == LADDER[1].stick_share
-
     transients.clear()
     transients.failures = [Cause.DIVERGED] * 99
     with pytest.raises(SolverError):

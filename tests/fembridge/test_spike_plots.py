@@ -63,9 +63,7 @@ def test_each_class_has_a_panel_in_its_colour_and_each_stimulus_a_row():
 
 def test_repeats_lie_under_one_another_inside_their_row():
     figure = raster_figure([train(times_ms=[10.0 * k], repeat=k) for k in range(5)])
-
     drawn = spikes_drawn(figure.axes[0])
-
     assert [time for time, _, _ in drawn] == [0.0, 10.0, 20.0, 30.0, 40.0]
     assert all(
         -0.5 < upper < lower < 0.5 and lower < next_upper
@@ -75,7 +73,6 @@ def test_repeats_lie_under_one_another_inside_their_row():
 
 def test_the_time_axis_covers_every_spike_unless_it_is_said():
     trains = [train(times_ms=[40.0, 180.0])]
-
     assert raster_figure(trains).axes[0].get_xlim() == (0.0, 180.0)
     assert raster_figure(trains, window_ms=(5, 250)).axes[0].get_xlim() == (0.0, 250.0)
     shown = raster_figure(trains, span_ms=(0.0, 100.0)).axes[0]
@@ -93,10 +90,8 @@ def test_a_name_is_shown_as_it_is():
 @pytest.mark.parametrize("suffix", ["png", "svg", pytest.param("pdf", marks=pytest.mark.slow)])
 def test_the_same_spikes_give_the_same_file(tmp_path, suffix):
     first, second = tmp_path / f"first.{suffix}", tmp_path / f"second.{suffix}"
-
     for path in (first, second):
         save_figure(raster_figure([train()]), path)
-
     assert first.read_bytes() == second.read_bytes()
     assert first.stat().st_size > 1000
     assert sorted(tmp_path.iterdir()) == [first, second]
@@ -124,25 +119,20 @@ def test_a_spike_is_in_the_bin_that_its_step_is_in(steps, width, dt_ms):
     expected = [0] * (edges_ms.size - 1)
     for step in steps:
         expected[min(step // width, len(expected) - 1)] += 1
-
     counts = histogram(np.array([step * dt_ms for step in steps]), edges_ms)
-
     assert counts.tolist() == expected
     assert edges_ms[-1] >= 500 * dt_ms * (1 - 1e-9)
 
 
 def test_a_rate_is_the_mean_over_all_cells_the_silent_one_too():
     trains = [timed([1, 2, 12], 1), timed([11], 2), timed([], 3), timed([1], 1, afferent="PC")]
-
     rate_ips = psth(trains, "sine_20_250", "SA", bins(20.0, 10.0))
-
     assert_allclose(rate_ips, [2 / 3 / 0.010, 2 / 3 / 0.010], rtol=1e-12)
     assert psth(trains, "sine_20_250", "RA", bins(20.0, 10.0)).tolist() == [0.0, 0.0]
 
 
 def test_intervals_are_within_a_cell_and_never_between_two():
     trains = [timed([1, 3, 10], 1), timed([100, 104], 2), timed([7], 3)]
-
     assert intervals_ms(trains, "sine_20_250", "SA").tolist() == [2.0, 7.0, 4.0]
     assert intervals_ms(trains, "sine_20_250", "PC").size == 0
 
@@ -158,9 +148,7 @@ def heights(panel):
 
 def test_rows_of_a_class_share_a_scale_that_stands_below_its_name():
     trains = [timed([1, 2, 3, 4]), timed([6, 8], stimulus="weak"), timed([1], afferent="PC")]
-
     sa, pc = psth_figure(trains, bin_ms=5.0).axes
-
     strong, weak = heights(sa)
     assert weak == pytest.approx(strong / 2)
     assert sa.texts[0].get_text() == "row height: 800 impulses/s"
@@ -173,9 +161,7 @@ def test_rows_of_a_class_share_a_scale_that_stands_below_its_name():
 
 def test_a_waveform_and_its_window_are_drawn_and_the_ground_is_explained():
     wave = Stimulus("sine_20_250", 75 + np.sin(np.arange(100) / 9), 0.5, (5.0, 40.0), 75.0)
-
     figure = psth_figure([timed([10, 20])], window_ms=wave.window_ms, waveform=wave)
-
     above, below = figure.axes
     assert above.lines[0].get_ydata()[0] == 75.0
     assert [patch.get_x() for patch in below.patches] == [0.0, 40.0]
@@ -185,9 +171,7 @@ def test_a_waveform_and_its_window_are_drawn_and_the_ground_is_explained():
 
 def test_shares_are_of_all_intervals_also_of_those_beyond_the_axis():
     trains = [timed([0, 2, 4, 6, 106])]
-
     [panel] = isi_figure(trains, longest_ms=50.0).axes
-
     assert [text.get_text() for text in panel.texts] == ["row height: 75 % of intervals", "n = 4"]
     assert panel.get_xlim()[1] < 75
 

@@ -46,9 +46,7 @@ def test_what_export_writes_comes_back_in(tmp_path, format_name, preindent_um):
     out = made("noise_25_250_10", preindent_um)
     path = tmp_path / f"{out.id}{FORMATS[format_name][0]}"
     scale_um = write_stimulus(out, path, format_name)
-
     back = read_stimulus(path, preindent_um, dt_ms=0.5 if format_name == "npy" else None)
-
     step_um = (scale_um or 0.0) / 32767
     off_um = 0.5001 * step_um + (1e-9 if format_name == "marc-table" else 0.0)
     assert_allclose(back.displacement_um, out.displacement_um, rtol=0, atol=off_um)
@@ -130,9 +128,7 @@ def test_the_first_sample_is_where_the_probe_stands_before(tmp_path):
     from_rest = table(tmp_path / "rest.csv", TIMES_MS, TAP_UM)
     deep = table(tmp_path / "deep.csv", TIMES_MS, TAP_UM + 30)
     said = []
-
     rest, stands = stimuli_of([from_rest, deep], 75.0, log=said.append)
-
     assert (rest.preindent_um, rest.displacement_um[0]) == (75.0, 75.0)
     assert (stands.preindent_um, stands.displacement_um[0]) == (30.0, 30.0)
     assert ["starts 30 um deep" in line for line in said] == [True]

@@ -72,11 +72,9 @@ def umask():
 def test_a_failure_inside_leaves_the_old_content_and_no_draft(tmp_path, error):
     path = tmp_path / "rates.csv"
     path.write_text("old")
-
     with pytest.raises(type(error)), replacing(path) as draft:
         draft.write_text("half")
         raise error
-
     assert path.read_text() == "old"
     assert names_in(tmp_path) == ["rates.csv"]
 
@@ -103,10 +101,8 @@ def test_a_pipe_or_a_device_is_not_replaced(tmp_path, name):
     """Else root's ``-o /dev/null`` would leave the machine without one."""
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "link").symlink_to("pipe")
-
     with pytest.raises(OutputError, match="a device or a pipe, expected the name of"):
         write_text(tmp_path / name, "new")
-
     assert (tmp_path / "pipe").is_fifo()
     assert (tmp_path / "link").is_symlink()
     assert names_in(tmp_path) == ["link", "pipe"]
@@ -116,9 +112,7 @@ def test_what_a_link_points_to_is_replaced_and_the_link_stays(tmp_path):
     (tmp_path / "real").mkdir()
     (tmp_path / "real" / "rates.csv").write_text("old")
     (tmp_path / "link.csv").symlink_to("real/rates.csv")
-
     write_text(tmp_path / "link.csv", "new")
-
     assert (tmp_path / "link.csv").is_symlink()
     assert (tmp_path / "real" / "rates.csv").read_text() == "new"
     assert names_in(tmp_path / "real") == ["rates.csv"]
@@ -127,10 +121,8 @@ def test_what_a_link_points_to_is_replaced_and_the_link_stays(tmp_path):
 @pytest.mark.parametrize("below", ["file/rates.csv", "file/a/b/rates.csv"])
 def test_a_file_where_a_folder_is_wanted_is_named(tmp_path, below):
     (tmp_path / "file").write_text("mine")
-
     with pytest.raises(OutputError) as caught:
         write_text(tmp_path / below, "new")
-
     assert str(caught.value) == (f"{tmp_path / 'file'}: a file stands where a folder is wanted")
     assert (tmp_path / "file").read_text() == "mine"
 
@@ -138,11 +130,9 @@ def test_a_file_where_a_folder_is_wanted_is_named(tmp_path, below):
 @pytest.mark.parametrize(("mask", "expected"), [(0o022, 0o644), (0o077, 0o600)])
 def test_a_file_has_the_permissions_of_any_new_one(tmp_path, umask, mask, expected):
     umask(mask)
-
     write_text(tmp_path / "a.csv", "new")
     with filling(tmp_path / "full", last="b.csv") as draft:
         write_text(draft / "b.csv", "new")
-
     assert permissions(tmp_path / "a.csv") == expected
     assert permissions(tmp_path / "full" / "b.csv") == expected
 
@@ -230,7 +220,6 @@ def test_a_link_for_a_lock_file_is_refused_and_its_target_stays(tmp_path, monkey
         with pytest.raises(OutputError), folder_lock(tmp_path, ".lock"):
             pytest.fail("locked by a link")
         monkeypatch.setattr(Path, "is_symlink", lambda path: False)
-
     assert (tmp_path / "mine").read_text() == "mine"
 
 
@@ -305,7 +294,6 @@ class Skin:
 def test_a_table_becomes_a_value_and_a_table_again():
     table = {"layers": [{"name": "dermis", "young_mpa": 2}], "sizes_mm": [1, 0.5], "seed": 3}
     skin = structure(table, Skin, UsageError)
-
     assert skin == Skin([Layer("dermis", 2.0)], (1.0, 0.5), {}, seed=3)
     assert structure(unstructure(skin), Skin, UsageError) == skin
     assert "rows" not in unstructure(skin)["layers"][0]

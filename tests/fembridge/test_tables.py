@@ -44,10 +44,8 @@ def refusal(read, path):
 def test_a_trace_comes_back_bit_for_bit(tmp_path_factory, stress_pa, start_ms, afferent):
     path = tmp_path_factory.mktemp("tables") / "traces.csv"
     trace = StressTrace(np.array(stress_pa), 0.5, 17, afferent, start_ms)
-
     Traces([trace]).to_frame().to_csv(path, index=False)
     [back] = read_traces(path)
-
     np.testing.assert_array_equal(back.stress_pa, trace.stress_pa)
     np.testing.assert_array_equal(back.times_ms, trace.times_ms)
     assert (back.node, back.afferent, back.dt_ms) == (17, afferent, 0.5)
@@ -64,9 +62,7 @@ def test_rows_of_several_nodes_may_be_mixed_and_columns_in_any_order(table):
         "\ufeffvon_mises_pa, node ,note,time_ms,afferent\r\n"
         "1,5,a,0,SA\r\n10,6,b,0,\r\n2,5,c,0.5,SA\r\n\r\n20,6,d,0.5,\r\n"
     )
-
     first, second = read_traces(path)
-
     assert (first.afferent, first.stress_pa.tolist()) == ("SA", [1.0, 2.0])
     assert (second.afferent, second.stress_pa.tolist()) == (None, [10.0, 20.0])
 
@@ -95,7 +91,6 @@ def test_rows_of_several_nodes_may_be_mixed_and_columns_in_any_order(table):
 )
 def test_a_row_that_is_no_sample_is_named(table, rows, line, column, found):
     named, problem = refusal(read_traces, table(HEADER + rows))
-
     assert named == line
     assert problem.startswith(column)
     assert found in problem
@@ -124,10 +119,8 @@ def test_a_column_that_is_missing_or_duplicate_is_named(table):
     line, problem = refusal(read_traces, table("time,afferent,node,von_mises_pa\n0,SA,1,1\n"))
     assert line == 1
     assert "time_ms in 'time,afferent,node,von_mises_pa'" in problem
-
     _, problem = refusal(read_traces, table("# t v\n0 1\n0.5 2\n"))  # one column and a comment
     assert "time_ms in '0 1'" in problem
-
     path = table("stimulus,afferent,rate_ips,rate_ips\nsine_20_250,SA,1,2\n")
     line, problem = refusal(read_rates, path)
     assert line == 1
@@ -141,9 +134,7 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
 
 def test_spikes_in_any_order_come_back_rising_but_not_doubled(table):
     header = "stimulus,afferent,repeat,spike_time_ms\n"
-
     [train] = read_spikes(table(header + "s,SA,0,9\ns,SA,0,3\n"))
-
     assert train.times_ms.tolist() == [3.0, 9.0]
     doubled = table(header + "s,SA,0,9\ns,SA,0,3\ns,SA,0,9.0\n")
     line, problem = refusal(read_spikes, doubled)
@@ -233,15 +224,12 @@ def test_rates_come_back_bit_for_bit_however_the_classes_are_mixed(tmp_path_fact
 
 def test_ids_come_back_as_the_catalogue_spells_them(table):
     path = table(RATES + "SINE_20_250.00,SA,3\ndiharm_10_50_125_125,SA,4\nsine_600_10,SA,5\n")
-
     observed = read_observed(path)
-
     assert observed.stimuli == ("sine_20_250", "diharm_10_50_125", "sine_600_10")
 
 
 def test_a_class_has_its_own_stimuli_and_one_that_was_not_observed_is_named(table):
     observed = read_observed(table(RATES + "sine_50_250,PC,4\nsine_20_250,SA,3\n"), complete=False)
-
     stimuli, rate_ips = observed.of("PC")
     assert (stimuli, rate_ips.tolist()) == (("sine_50_250",), [4.0])
     with pytest.raises(UsageError, match="'RA'"):
@@ -279,7 +267,6 @@ LACKING = "sine_20_25,SA,3\nsine_20_25,RA,3\nsine_50_250,SA,4\nsine_100_10,RA,5\
 def test_a_row_that_is_no_rate_is_named(table, rows, line, found):
     with pytest.raises(TableError) as caught:
         read_observed(table(RATES + rows))
-
     assert caught.value.line == line
     assert found in caught.value.problem
 

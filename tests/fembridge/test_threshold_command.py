@@ -56,9 +56,7 @@ def test_a_threshold_is_where_a_plain_search_finds_it(response):
 
 def test_what_even_the_deepest_vibration_does_not_reach_is_no_number(response):
     deaf = RisingRaParameters(tau_ms=400.0, step_pa=9e5)
-
     found = thresholds(response, deaf, [40.0], 75.0)
-
     assert found["amplitude_um"].isna().all()
     observed = published(THRESHOLDS).table.query("afferent == 'RA' and frequency_hz == 38")
     assert against_evidence(found.assign(frequency_hz=38), observed)["ratio"].isna().all()

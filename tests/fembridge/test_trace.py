@@ -14,9 +14,7 @@ from fembridge.trace import STEP_TOLERANCE, StressTrace, mean_step, resample
 def test_a_trace_keeps_its_own_samples_and_lets_nobody_write():
     stress_pa = np.array([0.0, 1.0, 2.0])
     trace = StressTrace(stress_pa, 0.5, 7)
-
     stress_pa[1] = 99.0
-
     np.testing.assert_array_equal(trace.stress_pa, [0.0, 1.0, 2.0])
     with pytest.raises(ValueError, match="read-only"):
         trace.stress_pa[0] = 1.0
@@ -36,9 +34,7 @@ def test_times_printed_with_six_digits_or_more_are_an_even_grid(dt_ms, start_ms,
     rounding_ms = 10.0 ** (1 - digits) * exact_ms[-1]
     if 2 * rounding_ms > 0.9 * STEP_TOLERANCE * dt_ms:
         return  # a clock so late that its digits do not show the step
-
     mean_ms, odd = mean_step(np.array(printed_ms))
-
     assert odd is None
     np.testing.assert_allclose(mean_ms, dt_ms, rtol=STEP_TOLERANCE)
 
@@ -97,9 +93,7 @@ def test_a_resampled_history_keeps_its_samples_range_and_edges(gaps_ms, dt_ms, s
 def test_resampling_passes_through_the_samples_and_says_edge_and_gap():
     times_ms = np.array([0.5, 1.0, 2.0, 2.5, 2.9])
     said: list[str] = []
-
     even_ms, found = resample(times_ms, times_ms**2, 0.5, said.append)
-
     assert_allclose(even_ms, [0.5, 1.0, 1.5, 2.0, 2.5], rtol=1e-14)
     assert_allclose(found[[0, 1, 3, 4]], [0.25, 1.0, 4.0, 6.25], rtol=1e-12)
     assert "2.5 ms" in said[0] and "2.9 ms" in said[0]
@@ -157,10 +151,8 @@ def test_a_window_may_end_on_a_last_sample_that_rounding_moved():
 def test_a_stimulus_keeps_its_own_samples_and_lets_nobody_write():
     wave_um, origin = WAVE_UM.copy(), {"family": "mine"}
     stimulus = make(wave_um, origin=origin)
-
     wave_um[:] = 0.0
     origin["family"] = "other"
-
     np.testing.assert_array_equal(stimulus.displacement_um, WAVE_UM)
     assert stimulus.origin == {"family": "mine"}
     with pytest.raises(ValueError, match="read-only"):

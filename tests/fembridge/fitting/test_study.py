@@ -147,7 +147,5 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_first_case(
     else:
         output.write_text("mine")
     monkeypatch.setattr(study, "search_front", lambda *_, **__: pytest.fail("computed"))
-
     assert main(["study", "--observed", str(table), "-o", str(output)]) == 1
-
     assert str(output / name) in capsys.readouterr().err

@@ -476,7 +476,6 @@ def no_page(here, monkeypatch, computed):
 def test_a_table_on_the_screen_and_a_page_in_the_folder(here, capsys, observed_file, own_file):
     words = ["--observed", str(observed_file), "--parameters", str(own_file)]
     assert main(["validate", *words]) == 0
-
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "own against observed rates: R² (RMSE in impulses/s)"
     assert lines[1].split() == ["SA", "RA", "PC"]
@@ -491,7 +490,6 @@ def test_a_table_on_the_screen_and_a_page_in_the_folder(here, capsys, observed_f
 def test_json_is_all_that_stdout_holds(here, capsys):
     words = ["validate", "-o", "out", "--parameters", "published", "--json"]
     assert main(words) == 0
-
     summary = json.loads(capsys.readouterr().out)
     assert (summary["page"], summary["reference"]) == ("out/index.html", "TouchSim")
     assert summary["models"] == ["published", "fingertip"]

@@ -59,9 +59,7 @@ def test_the_closure_is_the_one_worst_sample_of_all(percent, row, column):
     stress_pa = stress_at(DEPTH_UM)
     stress_pa[row, column] *= 1 + percent / 100
     compared = DEPTH_UM[row] >= 0.05 * DEPTH_UM[DEEPEST]
-
     closure_percent, refusal = run(stress_pa=stress_pa)
-
     expected = abs(percent) if compared else 0.0
     assert closure_percent == pytest.approx(expected, abs=1e-9)
     if abs(expected - CLOSURE_PERCENT) > 1e-9:
@@ -143,7 +141,6 @@ SHIPPED = ["response_quick", "response_paper", "response_quick_deep", "response_
 def test_the_shipped_map_is_the_recorded_run(name, tmp_path):
     measured = recorded_response(FIXTURES / name)
     shipped = FOLDER / f"{name.removeprefix('response_')}.toml"
-
     read = read_map(shipped)
     for part in ("depth_um", "tensor_pa", "force_n_per_mm"):
         np.testing.assert_array_equal(getattr(measured, part), getattr(read, part))
@@ -208,7 +205,6 @@ def test_a_waveform_of_other_times_is_refused(folder):
         *(f"{10 * float(a)},{b}" for a, b in (line.split(",") for line in lines[1:])),
     ]
     (folder / "stimulus.csv").write_text("\n".join(moved) + "\n")
-
     with pytest.raises(ResultError, match=r"increment 1 is at 0\.0005 s, expected 0\.005"):
         recorded_response(folder)
 

@@ -94,9 +94,7 @@ ATTEMPTS = attempts_for(DEFAULT_DEPTH_UM, LADDER)
 
 def test_the_first_contact_that_is_accepted_is_taken(tmp_path, model, player):
     shown = []
-
     solved, response = solve_response(tmp_path, model, log=shown.append)
-
     assert player.numbers == [1]
     assert solved.contact == LADDER[0]
     assert shown[0].startswith("indentation to 400 um")
@@ -109,9 +107,7 @@ def test_the_first_contact_that_is_accepted_is_taken(tmp_path, model, player):
 def test_a_contact_that_does_not_converge_is_left_and_told(tmp_path, model, player, cause):
     player.plays[1] = cause
     shown = []
-
     solved, response = solve_response(tmp_path, model, log=shown.append)
-
     assert player.numbers == [1, 2]
     assert shown[1].startswith(f"left {LADDER[0]}: {cause.value}: increment 3")
     assert shown[2] == f"contact model 2 of {len(ATTEMPTS)}: {LADDER[0]}, probe on a spring"
@@ -123,10 +119,8 @@ def test_a_contact_that_does_not_converge_is_left_and_told(tmp_path, model, play
 def test_what_another_contact_does_not_cure_ends_the_ladder(tmp_path, model, player, cause):
     """No solver, a full disk, an interrupt: five times the same would not help."""
     player.plays[1] = cause
-
     with pytest.raises(SolverError) as caught:
         solve_response(tmp_path, model)
-
     assert player.numbers == [1]
     assert caught.value.path == tmp_path / "contact_1"
     assert cause.value in str(caught.value)
@@ -160,9 +154,7 @@ def test_a_finished_contact_that_does_not_come_back_is_not_solved_again(
 ):
     path_dependent.add("contact_1")
     solve_response(tmp_path, model)
-
     again, _ = solve_response(tmp_path, model)
-
     assert player.numbers == [1, 2]
     assert again.contact == LADDER[0]
 
@@ -170,9 +162,7 @@ def test_a_finished_contact_that_does_not_come_back_is_not_solved_again(
 def test_a_finished_run_that_lost_a_file_is_solved_again(tmp_path, model, player):
     solve_response(tmp_path, model)
     (tmp_path / "contact_1" / "job.dat").unlink()
-
     solve_response(tmp_path, model)
-
     assert player.numbers == [1, 1]
 
 

@@ -42,9 +42,7 @@ def files_of(folder):
 
 def test_an_accepted_run_leaves_its_results_and_their_record(fake_ccx, make_run):
     folder = make_run("normal")
-
     outcome = solve(folder)
-
     assert outcome.accepted
     assert (outcome.increments, outcome.iterations) == (4, 8)
     assert (outcome.exit_code, outcome.version) == (0, "2.20")
@@ -57,9 +55,7 @@ def test_an_accepted_run_leaves_its_results_and_their_record(fake_ccx, make_run)
 def test_a_run_that_is_not_good_has_one_cause(fake_ccx, make_run, play):
     folder = make_run(play)
     cause, words = ENDINGS[play]
-
     outcome = solve(folder)
-
     assert outcome.failure.cause is cause
     assert words in str(outcome.failure)
     assert files_of(folder) == {"job.inp", "run.toml", "failed"}
@@ -73,9 +69,7 @@ def test_a_failed_run_leaves_earlier_results_as_they_were(fake_ccx, make_run):
     solve(folder)
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     make_run("cut")
-
     outcome = solve(folder)
-
     assert not outcome.accepted
     for name in ("job.frd", "job.sta", "job.cvg", "solver.log", "solver.toml"):
         assert (folder / name).read_bytes() == before[name]
@@ -88,27 +82,21 @@ def test_a_good_run_clears_away_what_earlier_ones_left(fake_ccx, make_run):
     (folder / "solving").mkdir()
     (folder / "solving" / "job.frd").write_text("of a run that was killed\n")
     make_run("normal")
-
     solve(folder)
-
     assert not {"failed", "solving", "job.dat"} & files_of(folder)
     assert (folder / "job.frd").read_text().endswith(" 9999\n")
 
 
 def test_a_solver_whose_files_do_not_grow_is_stopped(fake_ccx, make_run, is_at_work):
     folder = make_run("hang")
-
     outcome = solve(folder, stall_limit_s=0.3)
-
     assert outcome.failure.cause is Cause.STALLED
     assert not is_at_work(folder)
 
 
 def test_an_increment_that_iterates_for_ever_is_stopped(fake_ccx, make_run):
     folder = make_run("endless")
-
     outcome = solve(folder, iteration_limit=50)
-
     assert outcome.failure.cause is Cause.ENDLESS_ITERATION
     assert "limit 50, after 1 of 4 increments" in str(outcome.failure)
     assert 50 < outcome.iterations < 90_000
@@ -117,9 +105,7 @@ def test_an_increment_that_iterates_for_ever_is_stopped(fake_ccx, make_run):
 @pytest.mark.parametrize("play", ["normal", "diverged"])
 def test_the_last_word_of_progress_is_that_the_run_ended(fake_ccx, make_run, play):
     shown = []
-
     outcome = solve(make_run(play), on_progress=shown.append)
-
     assert [progress.ended for progress in shown] == [False] * (len(shown) - 1) + [True]
     assert shown[-1].increment == outcome.increments
 
@@ -127,12 +113,10 @@ def test_the_last_word_of_progress_is_that_the_run_ended(fake_ccx, make_run, pla
 def test_threads_asked_for_overrule_the_environment(fake_ccx, make_run, monkeypatch):
     monkeypatch.setenv("NUMBER_OF_CPUS", "7")
     folder = make_run("environment")
-
     solve(folder, threads=3)
     log = (folder / "solver.log").read_text()
     assert "threads 3" in log
     assert "override None" in log
-
     solve(folder)
     log = (folder / "solver.log").read_text()
     assert "threads None" in log
@@ -143,9 +127,7 @@ def test_without_a_solver_the_line_that_installs_it_is_said(make_run, monkeypatc
     monkeypatch.delenv("FEMBRIDGE_CCX", raising=False)
     monkeypatch.setenv("PATH", str(tmp_path))
     folder = make_run("normal")
-
     outcome = solve(folder)
-
     assert outcome.failure.cause is Cause.NO_SOLVER
     assert "apt-get install -y calculix-ccx" in str(outcome.failure)
     assert files_of(folder) == {"job.inp", "run.toml"}
@@ -153,9 +135,7 @@ def test_without_a_solver_the_line_that_installs_it_is_said(make_run, monkeypatc
 
 def test_a_solver_that_the_system_cannot_run_is_said(fake_ccx, make_run):
     fake_ccx.write_text("#!/no/such/interpreter\n")
-
     outcome = solve(make_run("normal"))
-
     assert outcome.failure.cause is Cause.NO_SOLVER
     assert f"{fake_ccx} cannot be run" in str(outcome.failure)
 
@@ -196,7 +176,6 @@ def test_results_are_made_again_when_something_changed_them(fake_ccx, make_run):
     run_folders([folder])
     record = folder / "solver.toml"
     record.write_text(record.read_text()[:40])
-
     assert run_folders([folder])[0].skipped is False
     assert (folder / "job.frd").read_text().endswith(" 9999\n")
 
@@ -238,7 +217,6 @@ def test_another_package_can_add_a_solver(monkeypatch):
     row = importlib.metadata.EntryPoint("mine", "math:hypot", ccx.ENTRY_POINTS)
     rows = importlib.metadata.EntryPoints([row])
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: rows.select(group=group))
-
     assert load_solver("mine")(3.0, 4.0) == 5.0
     with pytest.raises(MissingError, match=r"no solver 'nine' here.*calculix, mine"):
         load_solver("nine")
@@ -276,9 +254,7 @@ def test_progress_is_the_time_of_the_last_increment_that_converged(watch):
     (work / "job.sta").write_text(STA + sta_row(1, 0.0005) + sta_row(2, 0.001) + failed)
     rows = [cvg_row(1, 1), cvg_row(1, 2), cvg_row(2, 1), cvg_row(3, 1), cvg_row(3, 2)]
     (work / "job.cvg").write_text(CVG + "".join(rows))
-
     progress = dog.look(8.0)
-
     assert (progress.increment, progress.increments) == (2, 10)
     assert (progress.iterations, progress.iterations_here) == (5, 2)
     assert progress.fraction == pytest.approx(0.2, rel=1e-9)
@@ -299,7 +275,6 @@ def test_a_new_attempt_counts_its_iterations_anew(watch):
         CVG + "".join(cvg_row(1, n, attempt) for attempt in (1, 2) for n in (1, 2, 3))
     )
     assert dog.complaint(dog.look(1.0)) is None
-
     with (work / "job.cvg").open("a") as file:
         file.write(cvg_row(1, "****", attempt=2))
     assert dog.complaint(dog.look(2.0)).cause is Cause.ENDLESS_ITERATION

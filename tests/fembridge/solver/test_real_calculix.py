@@ -36,9 +36,7 @@ def solve(folder, **settings):
 
 def test_a_good_deck_is_accepted(make_run, patch):
     folder = make_run(deck=patch())
-
     outcome = solve(folder, threads=1)
-
     assert (outcome.increments, outcome.exit_code) == (4, 0)
     assert outcome.version
     assert outcome.iterations >= 4
@@ -55,9 +53,7 @@ def test_a_deck_finds_the_files_it_includes(make_run, patch):
 @pytest.mark.parametrize("part", ENDINGS)
 def test_a_fault_in_the_deck_has_its_cause(make_run, patch, part):
     text, cause, words = ENDINGS[part]
-
     outcome = solve(make_run(deck=patch(**{part: text})))
-
     assert outcome.failure.cause is cause
     assert words in str(outcome.failure)
 
@@ -92,9 +88,7 @@ def test_killing_python_leaves_no_calculix_behind(begin, make_run, patch, is_ali
     wait_until(lambda: (folder / "solving" / "job.frd").exists())
     (solver,) = children_of(child.pid)
     assert is_alive(solver)
-
     child.kill()
-
     wait_until(lambda: not is_alive(solver))
     assert not (folder / "job.frd").exists()
 

@@ -12,12 +12,10 @@ pytestmark = pytest.mark.usefixtures("fake_ccx")
 
 def test_a_good_run_says_what_it_cost_and_then_that_it_is_there(make_run, capsys):
     folder = make_run("normal")
-
     assert main(["run", str(folder)]) == 0
     out, err = capsys.readouterr()
     assert out.startswith(f"{folder}: 4 increments, 8 iterations, ")
     assert err == ""
-
     for words, is_there in (([], True), (["--force"], False)):
         assert main(["run", str(folder), *words]) == 0
         assert ("has the results" in capsys.readouterr().out) is is_there
@@ -43,7 +41,6 @@ def test_a_deck_changed_by_hand_is_said(make_run, capsys):
     folder = make_run("normal")
     with (folder / "job.inp").open("a") as deck:
         deck.write("** changed\n")
-
     assert main(["run", str(folder)]) == 0
     assert str(folder) in capsys.readouterr().err
 
@@ -57,7 +54,6 @@ def test_an_interrupted_command_leaves_no_solver_no_result_and_the_evidence(
     solver = pid_of(folder)
     child.send_signal(number)
     _, err = child.communicate(timeout=120)
-
     assert child.returncode == code
     assert not is_alive(solver)
     assert "Traceback" not in err

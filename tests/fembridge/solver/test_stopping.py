@@ -38,10 +38,8 @@ def test_killing_python_leaves_no_solver_of_any_thread(
     child = begin("-c", RUN, str(folder))
     solver = pid_of(folder)
     assert is_alive(solver)
-
     child.kill()
     child.wait()
-
     wait_until(lambda: not is_alive(solver))
     assert not (folder / "job.frd").exists()
 
@@ -77,7 +75,6 @@ def test_another_thread_can_halt_a_run(fake_ccx, make_run, pid_of, is_alive):
     solver = pid_of(folder)
     halt.set()
     thread.join()
-
     assert found[0].failure.cause is Cause.INTERRUPTED
     assert not is_alive(solver)
 
@@ -92,9 +89,7 @@ def test_stop_ends_one_that_will_not_and_all_it_started(
     words = ["-i", "solving/job"]
     process = start(fake_ccx, words, tmp_path, tmp_path / "log")
     solver = pid_of(tmp_path)
-
     stop(process, grace_s=0.05)
-
     assert process.returncode in (-signal.SIGKILL, -signal.SIGTERM)
     wait_until(lambda: not is_alive(solver))
     stop(process)  # once more is harmless
@@ -105,9 +100,7 @@ def test_a_number_that_may_be_another_s_by_now_gets_no_signal(monkeypatch):
     process = subprocess.Popen([sys.executable, "-ISc", ""])
     os.waitpid(process.pid, 0)
     monkeypatch.setattr(os, "killpg", lambda *words: pytest.fail(f"signal to {words}"))
-
     stop(process)
-
     assert process.returncode is not None
 
 

@@ -90,7 +90,6 @@ def test_a_cluster_of_our_own_ends_with_the_sweep(
     assert sweep.wait(60) == 130
     wait_until(lambda: not any(is_alive(pid) for e in ledger() for pid in e[1:3]))
     assert not count(ledger, "end")
-
     gate.touch()
     assert not run_sweep(dermis_study(3), tmp_path / "out").failed
     assert sorted(count(ledger, "end").values()) == [1, 1, 1]

@@ -97,7 +97,6 @@ def test_a_task_that_kills_its_worker_every_time_fails_alone(
     text = recorded_ccx.read_text()
     recorded_ccx.write_text(text.replace('note("begin")\n', f'note("begin")\n{KILL}'))
     sweep = run_sweep(dermis_study(3), tmp_path / "out")
-
     [failed] = sweep.failed
     assert "its process died 2 times, the last time with exit code -9" in (sweep.causes[failed.key])
     assert sum(row["status"] == "done" for row in table_of(tmp_path / "out")) == 6
@@ -111,7 +110,6 @@ def test_two_sweeps_on_one_folder_share_the_work(
     sweeps = [start_sweep(path, "-o", tmp_path / "out") for _ in range(2)]
     wait_until(lambda: len(begun(ledger)) == 2)
     gate.touch()
-
     for sweep in sweeps:
         code, out, _ = finished(sweep)
         assert (code, out.startswith("4 of 4 items done")) == (0, True)

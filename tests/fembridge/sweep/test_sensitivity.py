@@ -146,9 +146,7 @@ def test_the_base_is_found_wherever_its_row_stands(order):
     rows = one_at_a_time({"p": 1.0, "q": 1.0}, {"p": Range(0, 2), "q": Range(0, 2)})
     answers = np.array([5.0, 3.0, 8.0, 4.0, 6.0])
     swept = fingers([rows[k] for k in order], answers[list(order)])
-
     effects = single_effects(swept)
-
     assert base_of(swept) == order.index(0)
     assert effects[["at_low", "at_base", "at_high"]].to_numpy().tolist() == [[3, 5, 8], [4, 5, 6]]
 
@@ -156,7 +154,6 @@ def test_the_base_is_found_wherever_its_row_stands(order):
 def test_no_finger_of_a_single_parameter_is_called_the_base():
     """Any of three could be what the other two were varied from."""
     swept = fingers([{"p": 1.0}, {"p": 0.0}, {"p": 2.0}], np.array([20.0, 10.0, 30.0]))
-
     assert is_one_at_a_time(swept)
     assert base_of(swept) is None
     [effect] = single_effects(swept).to_dict("records")
@@ -170,7 +167,6 @@ def test_no_finger_of_a_single_parameter_is_called_the_base():
 def test_an_answer_that_comes_back_is_not_monotone_though_the_change_is_0():
     rows = one_at_a_time({"p": 1.0, "q": 1.0}, {"p": Range(0, 2), "q": Range(0, 2)})
     effects = single_effects(fingers(rows, np.array([5.0, 3.0, 3.0, 4.0, 5.0])))
-
     assert effects["change"].tolist() == [0.0, 1.0]
     assert effects["monotone"].tolist() == [False, True]
 
@@ -179,7 +175,6 @@ def test_more_than_two_levels_are_compared_from_end_to_end():
     rows = [{"p": 2.0, "q": 0.0}, *({"p": x, "q": 0.0} for x in (4.0, 1.0, 3.0))]
     rows.append({"p": 2.0, "q": 1.0})
     effect = single_effects(fingers(rows, np.array([20.0, 41.0, 9.0, 30.0, 20.0]))).iloc[0]
-
     assert effect[["low", "base", "high"]].tolist() == [1.0, 2.0, 4.0]
     assert effect[["at_low", "at_base", "at_high"]].tolist() == [9, 20, 41]
     assert effect["monotone"]
@@ -188,7 +183,6 @@ def test_more_than_two_levels_are_compared_from_end_to_end():
 def test_a_silent_base_has_no_percentage():
     rows = one_at_a_time({"p": 1.0}, {"p": Range(0, 2)})
     effect = single_effects(fingers(rows, np.array([0.0, 0.0, 4.0]))).iloc[0]
-
     assert effect["change"] == 4.0
     assert math.isnan(effect["change_percent"])
 
@@ -198,7 +192,6 @@ def test_the_strongest_comes_first_and_stress_parts_what_rates_do_not():
     rates = np.array([10.0, 10, 10, 10, 10, 10, 12])
     stress = np.array([100.0, 99, 101, 90, 110, 100, 100])
     assert in_order(single_effects(fingers(rows, rates, stress))) == ["r", "q", "p"]
-
     value = orthogonal(3, 3)
     fits = rank_regressions(
         fingers(value, value[:, 2], value[:, 1] + 0.5 * value[:, 0]), resamples=5
@@ -241,7 +234,6 @@ def test_an_answer_that_hardly_ever_changes_has_numbers_and_one_that_never_does_
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         fits = rank_regressions(fingers(value, rare, np.full(25, 7.0)), resamples=200)
-
     numbers = fits.set_index("quantity").loc[:, "coefficient":]
     assert np.isfinite(numbers.loc["rate_ips"]).all(axis=None)
     assert np.isnan(numbers.loc["peak_stress_pa"]).all(axis=None)
@@ -251,7 +243,6 @@ def test_too_few_fingers_and_parameters_that_rise_together_are_refused():
     few = np.random.default_rng(0).normal(size=(9, 4))
     with pytest.raises(UsageError, match="9 fingers for 4 parameters"):
         rank_regressions(fingers(few, few[:, 0]))
-
     value = np.random.default_rng(0).normal(size=(20, 2))
     value = pd.DataFrame({"p": value[:, 0], "q": value[:, 1], "r": -(value[:, 0] ** 3)})
     with pytest.raises(UsageError, match="p and r"):

@@ -40,7 +40,6 @@ def test_a_grid_gives_every_combination_and_rows_give_one_finger_each():
     rows = [{"afferents.SA.depth_mm": 0.5}, {"ridges.height_mm": 0.05}]
     table = {**LEAST, "fingers": [{"grid": grid}, {"base": "paper", "rows": rows}]}
     *made, one, other = study_from(table, None).variants
-
     assert [tuple(map(each.value, grid)) for each in made] == list(product(*grid.values()))
     assert one.label == other.label == one.finger.name == "paper"
     assert one.finger.afferents["SA"].depth_mm == 0.5
@@ -197,7 +196,6 @@ def test_afferents_follow_their_layer_in_a_design_and_stay_where_it_says_fixed(t
     asked = {"design": "one-at-a-time", "ranges": {"skin.epidermis_mm": [0.35, 0.45]}}
     follow = study_with(tmp_path, **asked).variants
     fixed = study_with(tmp_path, **asked, sites="fixed").variants
-
     depths = [each.finger.afferents["SA"].depth_mm for each in follow]
     assert depths == pytest.approx([0.5875, 0.5375, 0.6375])
     depths = [each.finger.afferents["PC"].depth_mm for each in follow]
@@ -211,7 +209,6 @@ def test_an_afferent_whose_depth_is_varied_stays_at_that_depth(tmp_path):
         design="one-at-a-time",
         ranges={"skin.epidermis_mm": "5 %", "afferents.SA.depth_mm": [0.5, 0.6]},
     )
-
     depths_mm = [each.finger.afferents["SA"].depth_mm for each in study.variants]
     assert depths_mm == [0.5875, 0.5875, 0.5875, 0.5, 0.6]
 
@@ -257,7 +254,6 @@ def drawn_shares(parameters, samples, seed):
 @pytest.mark.parametrize(("samples", "parameters"), [(7, 1), (7, 3), (201, 3)])
 def test_each_slice_of_each_range_has_one_finger(samples, parameters, not_optimised):
     shares = drawn_shares(parameters, samples, seed=3)
-
     assert shares.shape == (samples, parameters)
     assert (shares == drawn_shares(parameters, samples, seed=3)).all()
     assert (shares != drawn_shares(parameters, samples, seed=4)).any()

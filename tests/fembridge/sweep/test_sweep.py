@@ -168,7 +168,6 @@ def test_the_command_counts_and_ends_with_0(here, command, study_file, tmp_path,
     streams = capsys.readouterr()
     assert streams.out == f"1 of 1 items done; results.csv (3 rows): {tmp_path}/out\n"
     assert streams.err.startswith("1/1 quick, map: ")
-
     assert command(path, "-o", tmp_path / "out", "--json") == 0
     streams = capsys.readouterr()
     summary = json.loads(streams.out)

@@ -54,7 +54,6 @@ def item(**changes):
 def test_all_stimuli_share_the_map_and_each_has_its_transient():
     plan = plan_of(study("sine_20,noise_25_250", methods=("map", "transient")), CCX)
     count = len(resolve("sine_20,noise_25_250"))
-
     methods = [each.method for each in plan.items.values()]
     assert methods.count("map") == 1
     assert methods.count("transient") == count
@@ -125,9 +124,7 @@ def test_all_that_goes_into_an_item_changes_its_address(changes):
 
 def test_of_a_finger_that_relaxes_each_waveform_is_solved():
     variants = (QUICK, Variant("soft", soft()))
-
     plan = plan_of(study("sine_20", variants=variants), CCX)
-
     method_of = {item.response.finger.relaxing_s > 0: item.method for item in plan.items.values()}
     assert method_of == {False: "map", True: "transient"}
     assert len(plan.items) == 1 + len(resolve("sine_20"))
@@ -158,7 +155,6 @@ def test_who_is_not_to_wait_says_that_it_is_busy(folder):
 def test_another_solver_than_the_planned_one_is_refused(folder, recorded_ccx, ledger):
     [item] = plan_with("calculix 9.9").items.values()
     finding = work(item.response, folder)
-
     shown = "calculix 2.20 is here, the sweep was laid out for calculix 9.9"
     assert finding.cause == shown
     assert ledger() == []

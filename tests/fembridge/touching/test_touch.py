@@ -52,7 +52,6 @@ def test_depths_solved_once_answer_as_every_sample_solved_alone():
 
 def test_pins_far_apart_do_not_know_of_each_other_and_near_ones_share():
     wave = way("sine_20_129.49")
-
     alone, near, far = (
         touch_pins(wave, *x_mm).force_n.max() for x_mm in ((0.0,), (-1.0, 1.0), (-3.5, 3.5))
     )
