@@ -1,7 +1,9 @@
-"""Sensitivity: tables of sweeps read as fingers, one parameter at a time, rank regression."""
+"""Sensitivity: sweeps' tables as fingers, one parameter at a time, ranks; their picture."""
 
+import json
 import math
 import warnings
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fembridge.cli import main
 from fembridge.errors import TableError, UsageError
+from fembridge.plots.sensitivity import effects_figure
 from fembridge.sensitivity import (
     OUTPUT,
     SweptFingers,
@@ -36,9 +40,9 @@ HEADER = (
 
 @pytest.fixture
 def results(tmp_path):
-    def write(*rows, header=HEADER):
+    def write(*rows):
         path = tmp_path / "results.csv"
-        path.write_text(header + "".join(f"{row}\n" for row in rows))
+        path.write_text(HEADER + "".join(f"{row}\n" for row in rows))
         return path
 
     return write
@@ -311,3 +315,71 @@ def test_stress_goes_up_as_all_moduli_together():
 )
 def test_a_name_is_parted_from_its_whole_unit(name, words):
     assert split_unit(name) == words
+
+
+def summary_of(capsys, *words):
+    assert main(["plot", "sensitivity", *map(str, words), "--json"]) == 0
+    said = capsys.readouterr()
+    return json.loads(said.out), said.err
+
+
+def test_one_at_a_time_is_known_by_its_table_and_drawn(results, tmp_path, capsys):
+    swept = ((1.0, 0.4, 20), (0.8, 0.4, 18), (1.2, 0.4, 26), (1.0, 0.3, 20), (1.0, 0.5, 21))
+    table = results(*(row(d, "sine_20_250", rate, 9e3, friction=f) for d, f, rate in swept))
+    picture, numbers = tmp_path / "s.png", tmp_path / "effects.csv"
+    summary, _ = summary_of(capsys, table, "-o", picture, "--table", numbers)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert (summary["kind"], summary["fingers"]) == ("one-at-a-time", 5)
+    assert summary["parameters"] == ["skin.dermis_mm", "contact.friction"]
+    one = summary["effects"][0]
+    assert [one[name] for name in OUTPUT] == ["SA", "rate_ips", "all"]
+    assert (one["change"], one["change_percent"]) == (8.0, 40.0)
+    written = pd.read_csv(numbers)
+    assert len(written) == len(summary["effects"]) == 2 * 2 * 2
+    assert set(written["monotone"]) == {"yes"}
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_a_hypercube_is_ranked_and_its_summary_gives_the_same_again(
+    results, tmp_path, capsys, monkeypatch
+):
+    """The rate of PC never changes; a finger failed."""
+    few = partial(rank_regressions, resamples=50)
+    monkeypatch.setattr("fembridge.sensitivity.rank_regressions", few)
+    made = np.random.default_rng(1).random((20, 2)).tolist()
+    rows = [
+        row(d, "sine_20_250", rate, 9e3 * d, afferent, friction=f)
+        for d, f in made[1:]
+        for afferent, rate in (("SA", 5 + 20 * d - 4 * f), ("PC", 50))
+    ]
+    failed = row(made[0][0], "sine_20_250", "", "", status="failed,it broke", friction=made[0][1])
+    first, again, short = (tmp_path / name for name in ("first.md", "again.md", "fingers.csv"))
+    out = ["-o", tmp_path / "s.svg", "--table"]
+    table = results(failed, failed.replace(",SA,", ",PC,"), *rows)
+    summary, said = summary_of(capsys, table, *out, first, "--fingers", short)
+    assert "a finger is left out: it broke" in said
+    summary_of(capsys, short, *out, again)
+    assert (summary["kind"], summary["fingers"]) == ("rank regression", 19)
+    assert summary["left_out"] == 1
+    assert first.read_text() == again.read_text()
+    still = [e for e in summary["effects"] if e["afferent"] == "PC"]
+    assert {e["coefficient"] for e in still if e["quantity"] == "rate_ips"} == {None}
+    assert "no variation" in first.read_text()
+
+
+def test_a_table_of_an_unknown_kind_is_refused_before_anything_is_written(results, refused):
+    words = [results(ONE, OTHER), "-o", "s.png", "--table", "effects.xls"]
+    refused(["plot", "sensitivity", *words], "effects.xls: expected .csv or .md")
+
+
+def test_the_picture_has_a_line_from_low_to_high_in_each_row():
+    base = {"skin.dermis_mm": 1.0, "contact.friction": 0.4}
+    rows = one_at_a_time(base, {name: Range(0.8 * at, 1.2 * at) for name, at in base.items()})
+    rates, stress = np.array([16.0, 15, 17, 12, 20]), np.array([9e3, 1e4, 8e3, 9e3, 9e3])
+    sa, sa_stress = effects_figure(single_effects(fingers(rows, rates, stress))).axes
+    assert [text.get_text() for text in sa.get_yticklabels()] == ["friction", "dermis thickness"]
+    assert sa.get_title() == "SA"
+    ends = [line.get_xdata() for line in sa.lines if len(line.get_xdata()) == 2]
+    np.testing.assert_allclose(ends[:2], [[12, 20], [15, 17]])
+    assert sa_stress.get_xlabel() == "Mean peak stress (kPa)"
+    assert sa.get_ylim() == (1.5, -0.5)
