@@ -17,7 +17,9 @@ from hypothesis import settings
 
 from fembridge.errors import MissingError
 from fembridge.machine import find_ccx
-from fembridge.run_folder import RunFolder
+from fembridge.run_folder import RunFolder, read_run_folder
+from fembridge.solver.ccx import run_ccx
+from fembridge.solver.settings import SolverSettings
 from fembridge.store import sha256_of
 
 ROOT = Path(__file__).parents[1]
@@ -247,6 +249,16 @@ def make_run(tmp_path):
         return folder
 
     return make
+
+
+@pytest.fixture
+def solve():
+    """Run the deck of a folder of `make_run`."""
+
+    def run(folder, halt=None, **settings):
+        return run_ccx(read_run_folder(folder), SolverSettings(**settings), halt)
+
+    return run
 
 
 @pytest.fixture

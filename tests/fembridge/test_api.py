@@ -50,10 +50,6 @@ def two():
     return fb.simulate(["sine_20_250", "sine_50_250"], stored=True)
 
 
-def test_plot_is_a_figure_with_a_panel_a_class(two):
-    assert len(two.plot().axes) >= 3
-
-
 def test_no_module_hides_a_public_function():
     """A submodule that was imported is an attribute of its package, whatever it hides."""
     for name in fb.__all__:

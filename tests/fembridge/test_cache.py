@@ -10,9 +10,6 @@ import pytest
 from fembridge import cache
 from fembridge.cli import main
 from fembridge.response.indentation import in_words, increment_s
-from fembridge.run_folder import read_run_folder
-from fembridge.solver.ccx import run_ccx
-from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause
 
 KEY = cache.key_of({"deck": "a", "version": "2.20"})
@@ -121,16 +118,12 @@ def test_the_command_lists_and_clears_entries_and_nothing_else(folder, results, 
     assert (folder / "notes").is_dir()
 
 
-def solve(folder, **settings):
-    return run_ccx(read_run_folder(folder), SolverSettings(**settings))
-
-
 def files_of(folder):
     names = ("job.frd", "job.sta", "job.cvg", "solver.log", "solver.toml")
     return [(folder / name).read_bytes() for name in names]
 
 
-def test_the_same_deck_in_another_folder_takes_the_same_files(fake_ccx, make_run):
+def test_the_same_deck_in_another_folder_takes_the_same_files(solve, fake_ccx, make_run):
     first, second = make_run(name="first"), make_run(name="second")
     assert not solve(first).cached
     outcome = solve(second)
@@ -142,13 +135,13 @@ def test_the_same_deck_in_another_folder_takes_the_same_files(fake_ccx, make_run
 
 
 @pytest.mark.parametrize("cards", ["*INCLUDE, INPUT=mesh.inp", "*RESTART, READ"])
-def test_a_deck_that_reads_other_files_is_solved_each_time(fake_ccx, make_run, cards):
+def test_a_deck_that_reads_other_files_is_solved_each_time(solve, fake_ccx, make_run, cards):
     deck = f"** play normal\n*HEADING\n{cards}\n"
     outcomes = [solve(make_run(name=name, deck=deck)) for name in ("first", "second")]
     assert [outcome.cached for outcome in outcomes] == [False, False]
 
 
-def test_another_deck_another_program_or_no_cache_is_solved(fake_ccx, make_run):
+def test_another_deck_another_program_or_no_cache_is_solved(solve, fake_ccx, make_run):
     solve(make_run(name="first"))
     other = make_run(name="other", deck="** play normal\n*HEADING\nOTHER\n")
     assert not solve(other).cached
@@ -157,7 +150,7 @@ def test_another_deck_another_program_or_no_cache_is_solved(fake_ccx, make_run):
     assert not solve(make_run(name="later")).cached
 
 
-def test_what_the_solver_gave_up_is_remembered_with_its_cause(fake_ccx, make_run):
+def test_what_the_solver_gave_up_is_remembered_with_its_cause(solve, fake_ccx, make_run):
     first, second = (make_run("diverged", name=name) for name in ("first", "second"))
     failure = solve(first).failure
     outcome = solve(second)
@@ -167,7 +160,7 @@ def test_what_the_solver_gave_up_is_remembered_with_its_cause(fake_ccx, make_run
     assert (second / "failed" / "cause.txt").is_file()
 
 
-def test_a_limit_of_the_users_is_no_result(fake_ccx, make_run):
+def test_a_limit_of_the_users_is_no_result(solve, fake_ccx, make_run):
     solve(make_run("hang", name="first"), time_limit_s=0.2)
     assert cache.entries() == []
 

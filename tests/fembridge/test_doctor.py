@@ -40,17 +40,15 @@ def program(path, script="exit 0"):
     return path
 
 
-def test_ccx_on_the_path_is_found_before_versioned_names(bin_folder):
-    program(bin_folder / "ccx_2.23")
-    plain = program(bin_folder / "ccx")
-    assert find_ccx() == plain
-
-
-def test_of_versioned_names_the_newest_is_taken_and_of_those_the_multithreaded(bin_folder):
+def test_of_versioned_names_the_newest_is_taken_multithreaded_and_plain_ccx_before_them(
+    bin_folder,
+):
     for name in ("ccx_2.9", "ccx_2.21", "ccx_2.21_MT", "ccx_2.10_MT", "ccx_step.py"):
         program(bin_folder / name)
     (bin_folder / "ccx_2.99").write_text("not executable")
     assert find_ccx() == bin_folder / "ccx_2.21_MT"
+    plain = program(bin_folder / "ccx")
+    assert find_ccx() == plain
 
 
 def test_the_variable_comes_before_the_path(bin_folder, tmp_path, monkeypatch):
@@ -113,14 +111,10 @@ def test_a_missing_need_is_exit_1_and_a_missing_extra_is_not(bin_folder, monkeyp
 
 
 def test_a_package_that_is_too_old_is_said_with_both_versions(monkeypatch):
-    monkeypatch.setattr(importlib.metadata, "version", lambda name: "1.25.9")
-    check = check_package("numpy")
-    assert check.state == "missing"
-    assert check.found == "1.25.9, older than 2.0"
-    monkeypatch.setattr(importlib.metadata, "version", lambda name: "2.0.0")
-    assert check_package("numpy").state == "ok"
-    monkeypatch.setattr(importlib.metadata, "version", lambda name: "2.0rc1")
-    assert check_package("numpy").state == "ok"
+    for here, state in (("2.0.0", "ok"), ("2.0rc1", "ok"), ("1.25.9", "missing")):
+        monkeypatch.setattr(importlib.metadata, "version", lambda name, here=here: here)
+        assert check_package("numpy").state == state
+    assert check_package("numpy").found == "1.25.9, older than 2.0"
 
 
 def test_the_doctor_asks_for_the_dependencies_that_the_project_declares():

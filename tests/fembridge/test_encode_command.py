@@ -271,16 +271,6 @@ def test_an_even_table_is_resampled_where_that_is_asked(here):
     np.testing.assert_allclose(trace.stress_pa, fine.stress_pa[::10])
 
 
-@pytest.mark.usefixtures("unrendered")
-def test_a_cut_end_is_said_by_the_function_and_by_the_picture(here, capsys):
-    path = here / "sine_50_250.csv"
-    path.write_bytes(path.read_bytes()[:-2])
-    with pytest.warns(UserWarning, match="may be cut"):
-        fb.encode(path)
-    assert main(["plot", "trace", str(path)]) == 0
-    assert "may be cut" in capsys.readouterr().err
-
-
 def test_a_stimulus_that_is_named_brings_its_window(here, capsys):
     for name, window_ms in (("sine_100_200", [100, 200]), ("ramp_100_20_20_20", [0, 210])):
         assert main(["encode", "sine_50_250.csv", "--no-raster", "--stimulus", name, "--json"]) == 0

@@ -11,7 +11,6 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -72,14 +71,6 @@ def model(**changes):
     return {**made, **changes}
 
 
-class Ran(NamedTuple):
-    """What a run of the script came to."""
-
-    returncode: int
-    stdout: str
-    stderr: str
-
-
 @pytest.fixture
 def script(tmp_path):
     """The script and py_post beside it."""
@@ -107,7 +98,7 @@ def export(script, tmp_path, monkeypatch, capsys):
             code = main([file, *asked, *map(str, words)])
         except SystemExit as stopped:
             code = stopped.code
-        return Ran(code, *capsys.readouterr())
+        return subprocess.CompletedProcess(words, code, *capsys.readouterr())
 
     return run
 

@@ -122,22 +122,6 @@ def test_traces_at_integration_points_can_be_encoded():
     assert [float(row["time_ms"]) for row in rows_of("t.csv")] == [0.25 * k for k in range(2, 9)]
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("cpe4_ascii.dat", "  stresses for set EPROBE: 4 times"),
-        ("cpe4_ascii.sta", "  last: step 1, increment 4, attempt 1, iterations 5"),
-        ("cpe4_ascii.cvg", "  rows: 20"),
-        ("cpe4_lastiter_ResultsForLastIterations.frd", "  remark: iterations of incre"),
-        ("cpe4_diverged.frd", "increment 2 of step 1 did not converge"),
-    ],
-)
-def test_any_file_is_listed(name, words, here, capsys):
-    assert main(["ingest", str(SAMPLES / name), "--list"]) == 0
-    assert words in capsys.readouterr().out
-    assert list(here.iterdir()) == []
-
-
 def test_a_run_folder_is_in_mpa_always(run_folder, capsys):
     assert main(["ingest", str(run_folder), "--stress-unit", "kPa"]) == 2
     assert "a run folder of fembridge is in MPa, always" in capsys.readouterr().err

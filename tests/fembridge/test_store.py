@@ -118,13 +118,12 @@ def test_what_a_link_points_to_is_replaced_and_the_link_stays(tmp_path):
     assert names_in(tmp_path / "real") == ["rates.csv"]
 
 
-@pytest.mark.parametrize("below", ["file/rates.csv", "file/a/b/rates.csv"])
-def test_a_file_where_a_folder_is_wanted_is_named(tmp_path, below):
-    (tmp_path / "file").write_text("mine")
+def test_a_file_where_a_folder_is_wanted_is_named(file):
+    path = file("file", "mine")
     with pytest.raises(OutputError) as caught:
-        write_text(tmp_path / below, "new")
-    assert str(caught.value) == (f"{tmp_path / 'file'}: a file stands where a folder is wanted")
-    assert (tmp_path / "file").read_text() == "mine"
+        write_text(path / "a/b/rates.csv", "new")
+    assert str(caught.value) == f"{path}: a file stands where a folder is wanted"
+    assert path.read_text() == "mine"
 
 
 @pytest.mark.parametrize(("mask", "expected"), [(0o022, 0o644), (0o077, 0o600)])
@@ -312,16 +311,12 @@ def test_what_a_table_says_is_put_over_a_value():
         ({}, "layers", "absent"),
         ({"layer": []}, "'layer'", "layers"),  # misspelt: the near one is named
         ({"layers": "dermis"}, "layers", "'dermis'"),
-        ({"layers": [3]}, "layers 1", "3"),
         ({"layers": [{"name": "x"}, {"name": 7}]}, r"layers 2\.name", "7"),
-        ({"layers": [{"nam": "x"}]}, "layers 1", "'nam'"),
         ({"layers": [{"name": "x", "young_mpa": "2"}]}, r"layers 1\.young_mpa", "'2'"),
         ({"layers": [{"name": "x", "young_mpa": True}]}, r"layers 1\.young_mpa", "True"),
         ({"layers": [{"name": "x", "rows": 1.5}]}, r"layers 1\.rows", "1.5"),
         ({"layers": [], "sizes_mm": [1, "b"]}, "sizes_mm 2", "'b'"),
-        ({"layers": [], "marks": 3}, "marks", "3"),
         ({"layers": [], "named": {"top": {"name": 3}}}, r"named\.top\.name", "3"),
-        ({"layers": [], "fixed": "yes"}, "fixed", "'yes'"),
         ({"layers": [], "sizes_mm": [10**400]}, "sizes_mm 1", "too large"),
         (3, "", "3"),
     ],
@@ -402,3 +397,8 @@ def test_a_toml_that_would_fill_the_memory_is_refused_before_it_is_parsed(tmp_pa
         tracemalloc.stop()
     if bomb in ("dotted", "quoted", "head", "inline"):
         assert f"{path}:2: " in str(refused.value)
+
+
+def test_dots_in_words_and_numbers_are_no_deep_key(file):
+    path = file("run.toml", 'a.b.c.d.e.f.g.h = "x.1.2.3 a/b.c/d"\nn = [1.5, 2.5]\n')
+    assert read_toml(path, FembridgeError)["n"] == [1.5, 2.5]

@@ -631,19 +631,6 @@ def test_goals_are_marked_where_rates_were_observed_and_nowhere_else(tables):
         assert set(cells[-2:]) <= ({"met", "not met"} if place in judged else {"–"}), place
 
 
-def test_rates_are_those_that_came_in_and_those_that_were_computed(report, study):
-    rows = rows_of(report / "rates.csv")
-    found = {
-        (row["source"], row["stimulus"], row["afferent"]): float(row["rate_ips"]) for row in rows
-    }
-    assert len(found) == len(rows)
-    expected = {("TouchSim", one.stimulus, one.afferent): one.rate_ips for one in touchsim_rates()}
-    for name, simulation in study.simulations.items():
-        expected |= {(name, r.stimulus, r.afferent): r.rate_ips for r in simulation.mean_rates}
-    expected |= {("observed", r.stimulus, r.afferent): r.rate_ips for r in study.observed.rates()}
-    assert found == expected
-
-
 def test_the_record_names_the_inputs_and_seals_the_files(report, study):
     record = tomllib.loads((report / "validation.toml").read_text(encoding="utf-8"))
     assert record["judged"] == "own"

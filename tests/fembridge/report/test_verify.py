@@ -12,12 +12,14 @@ from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
 from pandas import DataFrame
 
+from decks.finger import Material
 from fembridge.cli import outputs_of
 from fembridge.commands import verify as command
 from fembridge.errors import MissingError, UsageError
 from fembridge.report import pressed_finger
 from fembridge.report import verify as module
 from fembridge.report.map_and_transient import Compared, finding_of
+from fembridge.report.plane import PlaneProblem
 from fembridge.report.study import AT_LEAST, Check, Cost, Finding, Indented, Runs
 from fembridge.report.verify import STUDIES, studies_named, verify, write_report
 from fembridge.trace import StressTrace
@@ -219,6 +221,23 @@ def test_laws_that_part_in_proportion_to_depth_are_one_at_rest(monkeypatch, tmp_
     assert_allclose(found.tables["laws"].force_percent, [1, 2, 4, 6, 8])
     page = module.page_text({"laws": found}, VERSIONS, quick=True)
     assert "SA from 300 µm on; RA from 150 µm on; PC from 100 µm on." in " ".join(page.split())
+
+
+def test_a_deck_gives_each_element_its_material_and_prescribes_what_is_given():
+    corners, elements = [(x, y) for y in (0, 1) for x in (0, 1, 2)], [[0, 1, 4, 3], [1, 2, 5, 4]]
+    deck = PlaneProblem(
+        kind="CPE4",
+        node_mm=np.array(corners, dtype=float),
+        element=np.array(elements),
+        materials=(Material(1.0, 0.3), Material(2.0, 0.25)),
+        element_material=np.array([1, 0]),
+        moved=np.array([0, 5]),
+        moved_mm=np.array([[0.0, np.nan], [0.25, -0.5]]),
+    ).deck()
+    soft, hard = deck.split("*ELEMENT, ")[1:3]
+    assert "\n2, 2, 3, 6, 5\n" in soft and "*ELASTIC\n1.0, 0.3\n" in soft
+    assert "\n1, 1, 2, 5, 4\n" in hard and "*ELASTIC\n2.0, 0.25\n" in hard
+    assert "*BOUNDARY\n1, 1, 1, 0.0\n6, 1, 1, 0.25\n6, 2, 2, -0.5\n*" in deck
 
 
 @pytest.fixture

@@ -73,20 +73,11 @@ def test_a_profile_comes_back_from_its_file_bit_by_bit(tmp_path):
     assert path.read_bytes() == first
 
 
-EVERY_MM = np.linspace(0.0, 6.0, 61)
-
-
-def mesh(elements, error=0.0, depth_mm=1.0):
+def mesh(elements, error):
     """A mesh whose deflection and force are wrong by `error` everywhere."""
-    return Deflection(
-        name=f"mesh {elements}",
-        elements=elements,
-        distance_mm=EVERY_MM,
-        deflection_mm=1.0 - EVERY_MM / 8 + error,
-        depth_mm=depth_mm,
-        loading_mm=np.array([0.0, depth_mm]),
-        loading_n_per_mm=np.array([0.0, 0.035 + error]),
-    )
+    force = np.array([0.0, 0.01, 0.035 + error])
+    down_mm = 1.0 - NODE_MM / 8 + error
+    return profile(elements=elements, deflection_mm=down_mm, loading_n_per_mm=force)
 
 
 @given(

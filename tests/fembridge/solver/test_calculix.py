@@ -8,7 +8,7 @@ import pytest
 from fembridge.errors import MissingError, UsageError
 from fembridge.run_folder import read_run_folder
 from fembridge.solver import ccx
-from fembridge.solver.ccx import Watchdog, load_solver, run_ccx, run_folders
+from fembridge.solver.ccx import Watchdog, load_solver, run_folders
 from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause, read_solver_log
 from fembridge.store import sha256_of
@@ -32,15 +32,11 @@ ENDINGS = {
 """What faults in a deck CalculiX itself shows is in ``test_real_calculix``."""
 
 
-def solve(folder, **settings):
-    return run_ccx(read_run_folder(folder), SolverSettings(**settings))
-
-
 def files_of(folder):
     return {path.name for path in folder.iterdir()}
 
 
-def test_an_accepted_run_leaves_its_results_and_their_record(fake_ccx, make_run):
+def test_an_accepted_run_leaves_its_results_and_their_record(solve, fake_ccx, make_run):
     folder = make_run("normal")
     outcome = solve(folder)
     assert outcome.accepted
@@ -52,7 +48,7 @@ def test_an_accepted_run_leaves_its_results_and_their_record(fake_ccx, make_run)
 
 
 @pytest.mark.parametrize("play", ENDINGS)
-def test_a_run_that_is_not_good_has_one_cause(fake_ccx, make_run, play):
+def test_a_run_that_is_not_good_has_one_cause(solve, fake_ccx, make_run, play):
     folder = make_run(play)
     cause, words = ENDINGS[play]
     outcome = solve(folder)
@@ -64,7 +60,7 @@ def test_a_run_that_is_not_good_has_one_cause(fake_ccx, make_run, play):
     assert words in (folder / "failed" / "cause.txt").read_text()
 
 
-def test_a_failed_run_leaves_earlier_results_as_they_were(fake_ccx, make_run):
+def test_a_failed_run_leaves_earlier_results_as_they_were(solve, fake_ccx, make_run):
     folder = make_run("normal")
     solve(folder)
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
@@ -75,7 +71,7 @@ def test_a_failed_run_leaves_earlier_results_as_they_were(fake_ccx, make_run):
         assert (folder / name).read_bytes() == before[name]
 
 
-def test_a_good_run_clears_away_what_earlier_ones_left(fake_ccx, make_run):
+def test_a_good_run_clears_away_what_earlier_ones_left(solve, fake_ccx, make_run):
     folder = make_run("cut")
     solve(folder)
     (folder / "job.dat").write_text("of a run long ago\n")
@@ -87,14 +83,14 @@ def test_a_good_run_clears_away_what_earlier_ones_left(fake_ccx, make_run):
     assert (folder / "job.frd").read_text().endswith(" 9999\n")
 
 
-def test_a_solver_whose_files_do_not_grow_is_stopped(fake_ccx, make_run, is_at_work):
+def test_a_solver_whose_files_do_not_grow_is_stopped(solve, fake_ccx, make_run, is_at_work):
     folder = make_run("hang")
     outcome = solve(folder, stall_limit_s=0.3)
     assert outcome.failure.cause is Cause.STALLED
     assert not is_at_work(folder)
 
 
-def test_an_increment_that_iterates_for_ever_is_stopped(fake_ccx, make_run):
+def test_an_increment_that_iterates_for_ever_is_stopped(solve, fake_ccx, make_run):
     folder = make_run("endless")
     outcome = solve(folder, iteration_limit=50)
     assert outcome.failure.cause is Cause.ENDLESS_ITERATION
@@ -103,14 +99,14 @@ def test_an_increment_that_iterates_for_ever_is_stopped(fake_ccx, make_run):
 
 
 @pytest.mark.parametrize("play", ["normal", "diverged"])
-def test_the_last_word_of_progress_is_that_the_run_ended(fake_ccx, make_run, play):
+def test_the_last_word_of_progress_is_that_the_run_ended(solve, fake_ccx, make_run, play):
     shown = []
     outcome = solve(make_run(play), on_progress=shown.append)
     assert [progress.ended for progress in shown] == [False] * (len(shown) - 1) + [True]
     assert shown[-1].increment == outcome.increments
 
 
-def test_threads_asked_for_overrule_the_environment(fake_ccx, make_run, monkeypatch):
+def test_threads_asked_for_overrule_the_environment(solve, fake_ccx, make_run, monkeypatch):
     monkeypatch.setenv("NUMBER_OF_CPUS", "7")
     folder = make_run("environment")
     solve(folder, threads=3)
@@ -123,7 +119,7 @@ def test_threads_asked_for_overrule_the_environment(fake_ccx, make_run, monkeypa
     assert "override 7" in log
 
 
-def test_without_a_solver_the_line_that_installs_it_is_said(make_run, monkeypatch, tmp_path):
+def test_without_a_solver_the_line_that_installs_it_is_said(solve, make_run, monkeypatch, tmp_path):
     monkeypatch.delenv("FEMBRIDGE_CCX", raising=False)
     monkeypatch.setenv("PATH", str(tmp_path))
     folder = make_run("normal")
@@ -133,7 +129,7 @@ def test_without_a_solver_the_line_that_installs_it_is_said(make_run, monkeypatc
     assert files_of(folder) == {"job.inp", "run.toml"}
 
 
-def test_a_solver_that_the_system_cannot_run_is_said(fake_ccx, make_run):
+def test_a_solver_that_the_system_cannot_run_is_said(solve, fake_ccx, make_run):
     fake_ccx.write_text("#!/no/such/interpreter\n")
     outcome = solve(make_run("normal"))
     assert outcome.failure.cause is Cause.NO_SOLVER

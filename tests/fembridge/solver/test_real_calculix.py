@@ -6,9 +6,6 @@ from pathlib import Path
 import pytest
 
 from fembridge.machine import find_ccx
-from fembridge.run_folder import read_run_folder
-from fembridge.solver.ccx import run_ccx
-from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause
 
 pytestmark = pytest.mark.solver
@@ -30,11 +27,7 @@ ENDINGS = {
 MANY = {"end_s": 1000.0}
 
 
-def solve(folder, **settings):
-    return run_ccx(read_run_folder(folder), SolverSettings(**settings))
-
-
-def test_a_good_deck_is_accepted(make_run, patch):
+def test_a_good_deck_is_accepted(solve, make_run, patch):
     folder = make_run(deck=patch())
     outcome = solve(folder, threads=1)
     assert (outcome.increments, outcome.exit_code) == (4, 0)
@@ -44,14 +37,14 @@ def test_a_good_deck_is_accepted(make_run, patch):
     assert {path.name for path in folder.iterdir()} == {"job.inp", "run.toml", *results}
 
 
-def test_a_deck_finds_the_files_it_includes(make_run, patch):
+def test_a_deck_finds_the_files_it_includes(solve, make_run, patch):
     folder = make_run(deck=patch(load="*INCLUDE, INPUT=load.inc"))
     (folder / "load.inc").write_text("*BOUNDARY\n3, 2, 2, 0.01\n4, 2, 2, 0.01\n")
     assert solve(folder).accepted
 
 
 @pytest.mark.parametrize("part", ENDINGS)
-def test_a_fault_in_the_deck_has_its_cause(make_run, patch, part):
+def test_a_fault_in_the_deck_has_its_cause(solve, make_run, patch, part):
     text, cause, words = ENDINGS[part]
     outcome = solve(make_run(deck=patch(**{part: text})))
     assert outcome.failure.cause is cause
@@ -59,7 +52,9 @@ def test_a_fault_in_the_deck_has_its_cause(make_run, patch, part):
 
 
 @pytest.mark.parametrize("signal_is", ["ignored", "obeyed"])
-def test_a_file_that_cannot_grow_is_a_full_disk(make_run, patch, tmp_path, monkeypatch, signal_is):
+def test_a_file_that_cannot_grow_is_a_full_disk(
+    solve, make_run, patch, tmp_path, monkeypatch, signal_is
+):
     """Ignored, it acts as a full disk does: CalculiX ends with exit code 0."""
     program = tmp_path / "ccx-in-little-room"
     trap = "trap '' XFSZ\n" if signal_is == "ignored" else ""
@@ -75,7 +70,7 @@ def test_a_file_that_cannot_grow_is_a_full_disk(make_run, patch, tmp_path, monke
     assert not (folder / "job.frd").exists()
 
 
-def test_a_long_run_is_stopped_by_its_limit(make_run, patch):
+def test_a_long_run_is_stopped_by_its_limit(solve, make_run, patch):
     folder = make_run(deck=patch(**MANY), increments=2_000_000)
     outcome = solve(folder, time_limit_s=0.5)
     assert outcome.failure.cause is Cause.TIME_LIMIT

@@ -9,10 +9,7 @@ import time
 
 import pytest
 
-from fembridge.run_folder import read_run_folder
-from fembridge.solver.ccx import run_ccx
 from fembridge.solver.process import signals_as_exits, start, stop
-from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Cause
 
 RUN = """
@@ -25,10 +22,6 @@ thread = threading.Thread(target=run_ccx, args=(run,))
 thread.start()
 thread.join()
 """
-
-
-def solve(folder, halt=None, **settings):
-    return run_ccx(read_run_folder(folder), SolverSettings(**settings), halt)
 
 
 def test_killing_python_leaves_no_solver_of_any_thread(
@@ -45,7 +38,7 @@ def test_killing_python_leaves_no_solver_of_any_thread(
 
 
 def test_a_second_run_in_a_folder_is_refused_until_the_first_is_killed(
-    fake_ccx, begin, make_run, pid_of, is_alive, is_at_work, wait_until
+    solve, fake_ccx, begin, make_run, pid_of, is_alive, is_at_work, wait_until
 ):
     folder = make_run("hang")
     child = begin("-m", "fembridge.cli", "run", str(folder))
@@ -66,7 +59,7 @@ def test_a_second_run_in_a_folder_is_refused_until_the_first_is_killed(
     wait_until(lambda: not is_alive(solver))
 
 
-def test_another_thread_can_halt_a_run(fake_ccx, make_run, pid_of, is_alive):
+def test_another_thread_can_halt_a_run(solve, fake_ccx, make_run, pid_of, is_alive):
     folder = make_run("hang")
     halt = threading.Event()
     found = []

@@ -132,13 +132,11 @@ def test_rates_count_the_spikes_of_the_window():
     ("arguments", "named"),
     [
         ({}, "press_um"),
-        ({"press_um": 5000}, "2000"),
         ({"press_um": 100, "press_n": 1.0}, "one of both"),
         ({"press_um": 100, "at_mm": (30.0, 0.0)}, "beside the pad"),
         ({"press_um": 100, "stimulus": "sine_20_250"}, "stimulus"),
         ({"stimulus": "sine_20"}, "12"),
         ({"press_n": 19.0}, "2000"),
-        ({"press_um": 100, "repeats": 0}, "0"),
         ({"press_um": 100, "seed": -1}, "seed is -1"),
     ],
 )
