@@ -49,6 +49,7 @@ OnMessage = Callable[[Any], object]
 """Called with what tasks `send` on their way, from any thread."""
 
 _Task = TypeVar("_Task")
+_Answer = TypeVar("_Answer")
 
 
 def _unheard(message: object) -> None:
@@ -63,17 +64,18 @@ class WorkerDiedError(Exception):
 
 
 def finished(
-    executor: Executor, function: Callable[[_Task], Any], ready: deque[_Task], at_once: int
-) -> Iterator[tuple[_Task, Future[Any]]]:
+    submit: Callable[[_Task], Future[_Answer]], ready: deque[_Task], at_once: int
+) -> Iterator[tuple[_Task, Future[_Answer]]]:
     """Tasks of `ready` with what came of each, as they end; `at_once` are under way.
 
-    Who takes one may put others into `ready`: in front, or behind all.
+    `submit` gives one to an executor. Who takes one may put others into `ready`: in front,
+    or behind all.
     """
-    running: dict[Future[Any], _Task] = {}
+    running: dict[Future[_Answer], _Task] = {}
     while ready or running:
         while ready and len(running) < at_once:
             task = ready.popleft()
-            running[executor.submit(function, task)] = task
+            running[submit(task)] = task
         for future in wait(running, return_when=FIRST_COMPLETED).done:
             yield running.pop(future), future
 

@@ -128,7 +128,8 @@ def study_models(
     found: dict[Case, pd.DataFrame] = {}
     try:
         with executor_of(jobs) as executor:
-            for case, trials in finished(executor, trials_of, deque(cases), jobs):
+            submit = partial(executor.submit, trials_of)
+            for case, trials in finished(submit, deque(cases), jobs):
                 found[case] = trials.result()
                 on_case(found[case])
     except KeyboardInterrupt:

@@ -5,8 +5,8 @@ import math
 import sys
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -127,12 +127,15 @@ def verify(
     studies = studies_named(names)
     make_folder(folder)
     jobs = min(jobs, len(studies))
-    make = partial(Study.make, folder=folder, quick=quick)
     order = deque(studies[::-1] if jobs > 1 else studies)  # the longer first: no core waits
     found: dict[str, Finding] = {}
     # The first that fails ends the others, whose runs are kept.
     with signals_as_exits(), executor_of(jobs, on_message) as executor:
-        for one, made in finished(executor, make, order, jobs):
+
+        def submit(one: Study) -> Future[Finding]:
+            return executor.submit(one.make, folder, quick)
+
+        for one, made in finished(submit, order, jobs):
             try:
                 found[one.name] = made.result()
             except WorkerDiedError as error:

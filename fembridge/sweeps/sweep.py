@@ -12,7 +12,7 @@ import hashlib
 import sys
 from collections import deque
 from collections.abc import Mapping
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures import Executor, Future
 from contextlib import nullcontext
 from dataclasses import dataclass
 from datetime import timedelta
@@ -26,7 +26,7 @@ import numpy as np
 from decks.probe import Probe
 from decks.waveform import make_stimulus
 from fembridge.errors import FembridgeError, MissingError, UsageError
-from fembridge.executor import LocalExecutor, WorkerDiedError, dask_executor
+from fembridge.executor import LocalExecutor, WorkerDiedError, dask_executor, finished
 from fembridge.response.indentation import depth_for
 from fembridge.solver.process import signals_as_exits
 from fembridge.solver.settings import Progress, SolverSettings
@@ -286,30 +286,23 @@ def _do(
     ready: deque[Task] = deque(item for each in known for item in behind.pop(each.key))
     ready.extend(response for response in responses if response.key in behind)
     put_off: set[str] = set()
-    running: dict[Future[Ended], Task] = {}
     causes: dict[str, str] = {}
-    while ready or running:
-        while ready and len(running) < jobs:
-            task = ready.popleft()
-            waits = task.key in put_off
-            running[executor.submit(work, task, folder, threads, waits=waits)] = task
-        shown.running = list(running.values())
-        done, _ = wait(running, return_when=FIRST_COMPLETED)
-        for future in done:
-            task, ended = running.pop(future), _ended(future)
-            if ended.busy:  # in another sweep: looked at again later, and then waited for
-                put_off.add(task.key)
-                ready.append(task)
-            elif isinstance(task, Item):
-                shown.over(task, ended)
+
+    def submit(task: Task) -> "Future[Ended]":
+        return executor.submit(work, task, folder, threads, waits=task.key in put_off)
+
+    for task, future in finished(submit, ready, jobs):
+        ended = _ended(future)
+        if ended.busy:  # in another sweep: looked at again later, and then waited for
+            put_off.add(task.key)
+            ready.append(task)
+        elif isinstance(task, Response) and not ended.cause:
+            ready.extendleft(reversed(behind.pop(task.key)))
+        else:
+            for item in [task] if isinstance(task, Item) else behind.pop(task.key):
+                shown.over(item, ended)
                 if ended.cause:
-                    causes[task.key] = ended.cause
-            elif not ended.cause:
-                ready.extendleft(reversed(behind.pop(task.key)))
-            else:
-                for item in behind.pop(task.key):
                     causes[item.key] = ended.cause
-                    shown.over(item, ended)
     return causes
 
 
@@ -385,25 +378,16 @@ class _Shown(Bars):
 
     def __init__(self, total: int, before: int, *, shows: bool) -> None:
         super().__init__(0.0, shows=shows)
-        self.running: list[Task] = []
-        self._names: dict[Path, str] = {}
         self._total, self._before, self._done, self._failed = total, before, before, 0
         if shows and before and not self.on_terminal:
             self.print(f"{before} of {total} items are finished already")
         self._update()
 
-    def follow(self, progress: Progress) -> None:
-        """Move, make or take away the bar of one run of the solver."""
-        folder = progress.folder
-        if folder not in self._names:
-            for task in self.running:
-                where = task.solve_place if isinstance(task, Item) else task.place
-                if f"/{where.as_posix()}/" in folder.as_posix():
-                    self._names[folder] = str(task).removeprefix("response ")
-        name = self._names.setdefault(folder, folder.name)
+    def follow(self, message: tuple[str, Progress]) -> None:
+        """Move the bar of a task's run of the solver; take it away when the run ends."""
+        name, progress = message
         if progress.ended:
             self.remove(name)
-            del self._names[folder]
         else:
             self.show(name, progress.fraction, how_far(progress))
         self._update()
@@ -427,7 +411,7 @@ class _Shown(Bars):
 
     def _update(self) -> None:
         over = self._done + self._failed
-        words = f"{self._done} done, {len(self.running)} running, {self._failed} failed"
+        words = f"{self._done} done, {self._failed} failed"
         made = over - self._before
         if made and over < self._total:
             left_s = (perf_counter() - self._begin_s) * (self._total - over) / made

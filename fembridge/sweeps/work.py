@@ -17,13 +17,13 @@ import threading
 import time
 import traceback
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict, dataclass
 from functools import cache, cached_property
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from decks.analysis import Contact, Model
 from decks.finger import Finger
@@ -32,7 +32,6 @@ from decks.presets import finger_table, mesh_of
 from decks.probe import Probe
 from decks.stimuli import Entry
 from decks.waveform import make_stimulus
-from fembridge import executor
 from fembridge.build import stimulus_inputs
 from fembridge.errors import (
     FembridgeError,
@@ -42,11 +41,12 @@ from fembridge.errors import (
     OutputError,
     ResponseError,
 )
+from fembridge.executor import send
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx, version_of
 from fembridge.response.indentation import solve_response
 from fembridge.response.response_map import MAP_FILE, ResponseMap, read_map, stored_response
 from fembridge.simulation import SPIKES_FILE, Simulation, encode_all, solve_transients
-from fembridge.solver.settings import SolverSettings
+from fembridge.solver.settings import Progress, SolverSettings
 from fembridge.stimulus import Stimulus
 from fembridge.store import (
     SHORT,
@@ -96,8 +96,28 @@ _HOW_SOLVED = {"drive": "spring", "section": "half"}
 _meshing = threading.Lock()
 
 
+class _Keyed:
+    """What is known, and has its folder, by the digest of all that goes into it."""
+
+    below: ClassVar[str]
+
+    def inputs(self) -> Table:
+        """What it is made of."""
+        raise NotImplementedError
+
+    @cached_property
+    def key(self) -> str:
+        """Digest of all that goes into it."""
+        return digest(self.inputs())
+
+    @property
+    def place(self) -> Path:
+        """Its folder, below that of the sweep."""
+        return Path(self.below, self.key[:SHORT])
+
+
 @dataclass(frozen=True, eq=False)
-class Response:
+class Response(_Keyed):
     """The indentation of one finger with one probe, to be solved once.
 
     `solver` is its name and version; ``stored`` takes a shipped response.
@@ -110,16 +130,7 @@ class Response:
     depth_um: float
     solver: str
     label: str = ""
-
-    @cached_property
-    def key(self) -> str:
-        """Digest of all that goes into it."""
-        return digest(self.inputs())
-
-    @property
-    def place(self) -> Path:
-        """Its folder, below that of the sweep."""
-        return Path(_SOLVES, self.key[:SHORT])
+    below: ClassVar[str] = _SOLVES
 
     def inputs(self) -> Table:
         """What it is made of."""
@@ -151,7 +162,7 @@ class Response:
 
 
 @dataclass(frozen=True, eq=False)
-class Item:
+class Item(_Keyed):
     """One row of work: `entries` on a response, by one method, with one set of cells.
 
     By map it holds all stimuli of the study, as a transient one. `parameters_name`
@@ -166,19 +177,10 @@ class Item:
     parameters: Parameters
     parameters_name: str = ""
     label: str = ""
+    below: ClassVar[str] = _RUNS
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parameters", dict(self.parameters))  # it pickles
-
-    @cached_property
-    def key(self) -> str:
-        """Digest of all that goes into it."""
-        return digest({**self.inputs(), "response": self.response.key})
-
-    @property
-    def place(self) -> Path:
-        """Its folder, below that of the sweep."""
-        return Path(_RUNS, self.key[:SHORT])
 
     @property
     def solve_place(self) -> Path:
@@ -195,7 +197,7 @@ class Item:
         ]
 
     def inputs(self) -> Table:
-        """What it is made of, beside the response."""
+        """What it is made of, its response by key."""
         # Seeds may be longer than any float is exact for.
         seed = {} if self.seed is None else {"seed": str(self.seed)}
         return {
@@ -207,6 +209,7 @@ class Item:
             ],
             **(_HOW_SOLVED if self.method == "transient" else {}),
             "parameters": parameters_to_table(self.parameters),
+            "response": self.response.key,
         }
 
     def is_finished(self, folder: Path) -> bool:
@@ -245,11 +248,14 @@ def work(task: Task, folder: Path, threads: int | None = None, *, waits: bool = 
 
     Where another process is at it, wait if it `waits`, or else say so. A response has
     to be finished before an item that reads it. How far the solver is, is sent to who
-    began the task (`fembridge.executor.send`).
+    began the task, with the task's label.
     """
     begin_s = time.monotonic()
-    settings = SolverSettings(threads=threads, on_progress=executor.send)
     cause, before = "", False
+
+    def on_progress(progress: Progress) -> None:
+        send((task.label, progress))
+
     try:
         if not (folder / STUDY_FILE).is_file():
             raise OutputError("not there on this machine: all need to share it", folder)
@@ -258,10 +264,8 @@ def work(task: Task, folder: Path, threads: int | None = None, *, waits: bool = 
             with _alone(folder / task.place, waits):
                 before = task.is_finished(folder)
                 if not before:
-                    if isinstance(task, Response):
-                        _solve(task, folder, settings)
-                    else:
-                        _answer(task, folder, settings)
+                    do: Callable[..., None] = _solve if isinstance(task, Response) else _answer
+                    do(task, folder, SolverSettings(threads, on_progress=on_progress))
     except LockedError as error:
         return Ended(str(error), busy=True)
     except FembridgeError as error:
