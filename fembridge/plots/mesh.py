@@ -5,8 +5,7 @@ view shows which node stands for which afferent.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -69,8 +68,7 @@ _NAME_STEP_IN, _LEADER_IN = 0.34, 0.09
 _BAR_IN, _LEADER_PT, _HALO_PT, _DOT_PT = 0.022, 0.7, 0.6, 5.0
 
 
-@dataclass(frozen=True, slots=True)
-class Window:
+class Window(NamedTuple):
     """What a panel shows: `x_mm` from left to right, `y_mm` from low to high."""
 
     x_mm: tuple[float, float]
@@ -79,7 +77,7 @@ class Window:
     @property
     def aspect(self) -> float:
         """Width over height."""
-        return (self.x_mm[1] - self.x_mm[0]) / (self.y_mm[1] - self.y_mm[0])
+        return float(np.ptp(self.x_mm) / np.ptp(self.y_mm))
 
 
 @in_style
@@ -110,8 +108,7 @@ def mesh_figure(finger: Finger, mesh: Mesh, probe: Probe) -> "Figure":
         _draw_bar(panel, window, height_in)
     section.set_axis_off()
     pad.spines[:].set_visible(True)
-    left, bottom = close.x_mm[0], close.y_mm[0]
-    frame = (left, bottom, close.x_mm[1] - left, close.y_mm[1] - bottom)
+    frame = (close.x_mm[0], close.y_mm[0], np.ptp(close.x_mm), np.ptp(close.y_mm))
     section.indicate_inset(frame, pad, edgecolor=INK, alpha=1.0, linewidth=HAIR_PT)
     _name_afferents(pad, sites, close, height_in)
     _draw_legend(figure, finger.materials, probe)
@@ -120,12 +117,12 @@ def mesh_figure(finger: Finger, mesh: Mesh, probe: Probe) -> "Figure":
 
 def afferent_nodes(finger: Finger, mesh: Mesh) -> list[AfferentNode]:
     """Where the afferents of `finger` sit in `mesh`; nodes count from 1."""
-    rows = {name: mesh.node_at(site) for name, site in finger.afferents.items()}
-    places = {name: mesh.node_mm[row].tolist() for name, row in rows.items()}
-    return [
-        AfferentNode(name, rows[name] + 1, finger.afferents[name].layer, x_mm, y_mm, -y_mm)
-        for name, (x_mm, y_mm) in places.items()
-    ]
+    found = []
+    for name, site in finger.afferents.items():
+        row = mesh.node_at(site)
+        x_mm, y_mm = mesh.node_mm[row].tolist()
+        found.append(AfferentNode(name, row + 1, site.layer, x_mm, y_mm, -y_mm))
+    return found
 
 
 def probe_outline(probe: Probe, mesh: Mesh) -> FloatArray:
@@ -215,14 +212,14 @@ def _draw_bar(panel: "Axes", window: Window, height_in: float) -> None:
     """Draw a bar of a round length, a quarter or so of the width, under the left corner."""
     from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
-    (left, right), (low, high) = window.x_mm, window.y_mm
-    length_mm = next((bar for bar in _BARS_MM if bar <= _BAR_SHARE * (right - left)), _BARS_MM[-1])
+    width_mm, tall_mm = np.ptp(window.x_mm), np.ptp(window.y_mm)
+    length_mm = next((bar for bar in _BARS_MM if bar <= _BAR_SHARE * width_mm), _BARS_MM[-1])
     bar = AnchoredSizeBar(
         panel.transData,
         length_mm,
         f"{length_mm:g} mm",
         "upper left",
-        size_vertical=_BAR_IN * (high - low) / height_in,
+        size_vertical=_BAR_IN * tall_mm / height_in,
         frameon=False,
         borderpad=0.4,
         pad=0.0,
@@ -248,17 +245,14 @@ def _name_afferents(
     heights = spread([site.y_mm for site in ordered], _NAME_STEP_IN * mm_per_in, bottom, top)
     for site, height in zip(ordered, heights, strict=True):
         style = class_style(site.afferent)
-        colour = style["color"]
         leader: dict[str, Any] = {"linewidth": _LEADER_PT, "path_effects": [halo], "zorder": 4}
         way_mm = ([site.x_mm, right, end], [site.y_mm, height, height])
-        panel.plot(*way_mm, color=colour, clip_on=False, **leader)
+        panel.plot(*way_mm, color=style["color"], clip_on=False, **leader)
         edge: dict[str, Any] = {"markeredgecolor": WHITE, "markeredgewidth": _HALO_PT, "zorder": 5}
-        panel.plot(site.x_mm, site.y_mm, **dots(colour, _DOT_PT, **edge))
+        panel.plot(site.x_mm, site.y_mm, **dots(style["color"], _DOT_PT, **edge))
         at = (end, height)
         name = note(panel, site.afferent, at, (2.5, 0.5), frame="data", va="bottom", **style)
-        if site.depth_mm is not None:
-            deep = f"{site.depth_mm:.2f} mm deep"
-            note(panel, deep, (1, 0), (4, 0), frame=name, va="bottom")
+        note(panel, f"{-site.y_mm:.2f} mm deep", (1, 0), (4, 0), frame=name, va="bottom")
         note(panel, _words(site.layer), at, (2.5, -0.5), frame="data", va="top")
 
 
@@ -267,20 +261,20 @@ def _draw_legend(figure: "Figure", materials: Mapping[str, Material], probe: Pro
     from matplotlib.patches import Patch
     from matplotlib.ticker import EngFormatter
 
+    def patch(fill: str, words: str) -> Patch:
+        return Patch(facecolor=fill, edgecolor=INK, linewidth=HAIR_PT, label=words)
+
     entries = []
     for layer in LAYERS:
         young_pa, poisson = 1e6 * materials[layer].young_mpa, materials[layer].poisson
         ratio = f"{poisson:.2f}" if round(poisson, 2) == poisson else f"{poisson:g}"
         words = rf"$E$ = {EngFormatter('Pa')(young_pa)}, $\nu$ = {ratio}"
-        entries.append((LAYER_COLOURS[layer], f"{_words(layer).capitalize()}\n{words}"))
-    entries.append((PROBE_COLOUR, f"Probe\nrigid, {probe.shape}, {probe.diameter_mm:g} mm"))
+        entries.append(patch(LAYER_COLOURS[layer], f"{_words(layer).capitalize()}\n{words}"))
+    words = f"Probe\nrigid, {probe.shape}, {probe.diameter_mm:g} mm"
+    entries.append(patch(PROBE_COLOUR, words))
     columns = -(-len(entries) // 2)  # a legend fills columns; people read rows
-    in_rows = [entry for column in range(columns) for entry in entries[column::columns]]
     figure.legend(
-        handles=[
-            Patch(facecolor=fill, edgecolor=INK, linewidth=HAIR_PT, label=text)
-            for fill, text in in_rows
-        ],
+        handles=[entry for column in range(columns) for entry in entries[column::columns]],
         ncols=columns,
         loc="outside lower center",
         borderpad=0.0,

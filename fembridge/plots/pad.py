@@ -20,6 +20,7 @@ from fembridge.plots.style import (
     SERIES_COLOURS,
     SMALL_TEXT_PT,
     TEXT_PT,
+    WHITE,
     class_style,
     in_style,
     make_plain,
@@ -119,9 +120,8 @@ def unit_raster_figure(touch: Touch) -> "Figure":
         )
         panel.set_ylim(0, lines)
         panel.set_yticks([])
-        words = f"{name}\n{rows[name].size} units"
-        style = class_style(name, SMALL_TEXT_PT)
-        panel.set_ylabel(words, rotation=0, ha="right", va="center", **style)
+        style = class_style(name, SMALL_TEXT_PT) | {"rotation": 0, "ha": "right", "va": "center"}
+        panel.set_ylabel(f"{name}\n{rows[name].size} units", **style)
     panels[-1, 0].set_xlabel("Time (ms), units from base to tip")
     panels[0, 0].set_xlim(0, float(touch.way.times_ms[-1]))
     return figure
@@ -207,13 +207,8 @@ def _draw_units(panel: "Axes", touch: Touch, mine: BoolArray, colour: str) -> No
     if not fires.any():
         return
     most_ips = float(rate.max())
-    firing: dict[str, Any] = {
-        "color": colour,
-        "edgecolors": "white",
-        "linewidths": 0.3,
-        "alpha": 0.9,
-        "zorder": 3,
-    }
+    firing: dict[str, Any] = {"color": colour, "edgecolors": WHITE, "linewidths": 0.3}
+    firing |= {"alpha": 0.9, "zorder": 3}
     size_pt2 = _LEAST_PT2 + (_MOST_PT2 - _LEAST_PT2) * rate[fires] / most_ips
     panel.scatter(x_mm[fires], z_mm[fires], s=size_pt2, **firing)
     panel.legend(
@@ -240,7 +235,7 @@ def _draw_view(panel: "Axes", touch: Touch, *, first: bool) -> None:
         return
     way = np.stack([x_mm, z_mm], -1)
     moved = way - way[0]
-    step = moved[np.hypot(*moved.T).argmax()]
+    step = moved[np.hypot(*moved.T).argmax()]  # the farthest
     look = {"arrowstyle": "->", "color": INK, "linewidth": LINE_PT}
     if np.abs(moved @ (-step[1], step[0])).max() > 0.01 * float(step @ step):
         panel.plot(x_mm, z_mm, linewidth=HAIR_PT)  # of a curved way all of it

@@ -6,6 +6,8 @@ a class.
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 from decks.stimuli import Entry, resolve, set_name, set_title
@@ -72,18 +74,13 @@ _BEYOND_UM = 1.0e6
 def placed(rates: Iterable[Rate]) -> tuple[dict[str, Entry], list[str]]:
     """Stimuli that have a frequency and an amplitude, by their ids; those that have none."""
     found: dict[str, Entry] = {}
-    strange = []
-    for name in dict.fromkeys(rate.stimulus for rate in rates):
-        try:
+    names = dict.fromkeys(rate.stimulus for rate in rates)
+    for name in names:
+        with suppress(StimulusError, ValueError):  # a name of the user's own, or of several
             [entry] = resolve([name])
-        except (StimulusError, ValueError):
-            strange.append(name)
-            continue
-        if entry.family in LEVELS:
-            found[name] = entry
-        else:
-            strange.append(name)
-    return found, strange
+            if entry.family in LEVELS:
+                found[name] = entry
+    return found, [name for name in names if name not in found]
 
 
 @in_style
@@ -106,8 +103,7 @@ def rates_figure(
     """
     from pandas import DataFrame
 
-    entries, _ = placed(rates)
-    sets = {set_name(entry): entry for entry in entries.values()}
+    sets = {set_name(entry): entry for entry in placed(rates)[0].values()}
     present = {rate.afferent for rate in rates}
     classes = list(afferents or [one for one in AFFERENTS if one in present])
     if not sets or not present & set(classes):
@@ -117,13 +113,13 @@ def rates_figure(
     words = {OWN: "these rates", OBSERVED: "observed", PUBLISHED: "published model"}
     words |= {TOUCHSIM: "TouchSim (fitted to recordings of the same experiments)", **(names or {})}
     sources = dict(zip(words, (rates, observed, published, touchsim), strict=True))
+    known, _ = placed(chain.from_iterable(sources.values()))
     points = DataFrame(
         [
             (source, set_name(entry), entry.family, rate.afferent, entry.level_um, rate.rate_ips)
             for source, given in sources.items()
-            for known in (placed(given)[0],)
             for rate in given
-            if (entry := known.get(rate.stimulus)) is not None and set_name(entry) in sets
+            if (entry := known.get(rate.stimulus)) and set_name(entry) in sets
         ],
         columns=["source", "set", "family", "afferent", "level_um", "rate_ips"],
     ).sort_values(["level_um", "rate_ips"])
@@ -212,27 +208,26 @@ def thresholds_figure(found: "pandas.DataFrame", observed: "pandas.DataFrame") -
         log_axis(panel, 0.8 * LOWEST_HZ, 1.25 * HIGHEST_HZ)
         panel.set_yscale("log")
         for criterion, dashes in zip(CRITERIA, _DASHES, strict=True):
-            mine = found[(found["afferent"] == name) & (found["criterion"] == criterion)]
-            panel.plot(mine["frequency_hz"], mine["amplitude_um"], color=colour, **dashes)
+            mine, seen = (
+                one[(one["afferent"] == name) & (one["criterion"] == criterion)]
+                for one in (found, observed)
+            )
+            panel.plot("frequency_hz", "amplitude_um", data=mine, color=colour, **dashes)
             if criterion == CRITERIA[0]:
                 most_um = mine["most_um"].fillna(_BEYOND_UM)
                 columns = (mine["frequency_hz"], mine["least_um"], most_um)
                 panel.fill_between(*columns, color=FAINT, alpha=0.35, linewidth=0)
-            seen = observed[(observed["afferent"] == name) & (observed["criterion"] == criterion)]
             mark = marks("o", colour, _MARK_PT, filled=criterion == CRITERIA[0])
-            panel.plot(seen["frequency_hz"], seen["amplitude_um"], **mark)
+            panel.plot("frequency_hz", "amplitude_um", data=seen, **mark)
         note(panel, name, (0.04, 0.05), (0, 0), **class_style(name))
         panel.set_xlabel("Frequency (Hz)")
     highest_um = max(*found["amplitude_um"].dropna(), *observed["amplitude_um"], 1.0)
     for panel in panels:
         log_axis(panel, panel.get_ylim()[0], 2.0 * highest_um, vertical=True)
     panels[0].set_ylabel("Threshold amplitude (µm)")
-    ink = AFFERENT_COLOURS[classes[0]]
-    samples = [{"color": ink, **dashes} for dashes in _DASHES]
-    samples += [marks("o", ink, _MARK_PT, filled=filled) for filled in (True, False)]
-    names = [
-        *(f"model, {word}" for word in _CRITERIA_WORDS),
-        *(f"observed, {word}" for word in _CRITERIA_WORDS),
-    ]
+    colour = AFFERENT_COLOURS[classes[0]]
+    samples = [{"color": colour, **dashes} for dashes in _DASHES]
+    samples += [marks("o", colour, _MARK_PT, filled=filled) for filled in (True, False)]
+    names = [f"{whose}, {word}" for whose in ("model", "observed") for word in _CRITERIA_WORDS]
     legend_above(figure, samples, names)
     return figure

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fembridge.errors import UsageError
 from fembridge.plots.style import (
     FAINT,
     HAIR_PT,
@@ -39,8 +38,6 @@ _NAME_SHARE = 0.09
 _DEEP = ("PC",)
 
 # Of the profile.
-MOST_MESHES = 5
-
 _PROFILE_IN = 2.5
 # From the coarsest mesh to the finest, which is black and whole.
 _STYLES: tuple[dict[str, Any], ...] = tuple(
@@ -65,7 +62,7 @@ def response_figure(response: ResponseMap) -> "Figure":
     """
     places = {place.afferent: column for column, place in enumerate(response.places)}
     groups = [[name for name in places if (name in _DEEP) == deep] for deep in (False, True)]
-    groups = [group for group in groups if group]
+    groups = list(filter(None, groups))
     figure, [panels] = new_figure(_HEIGHT_IN, columns=len(groups) + 1)
     depth_um = np.linspace(0.0, response.deepest_um, _POINTS)
     solved_kpa = von_mises_pa(response.tensor_pa) / _PA_PER_KPA
@@ -77,7 +74,7 @@ def response_figure(response: ResponseMap) -> "Figure":
             panel.plot(depth_um, curve_kpa[:, column], color=colour)
             style = dots(colour, _DOT_PT, clip_on=False)
             panel.plot(response.depth_um, solved_kpa[:, column], **style)
-        panel.set(xlim=(0.0, response.deepest_um), ylabel="Von Mises stress (kPa)")
+        panel.set_ylabel("Von Mises stress (kPa)")
         panel.set_ylim(bottom=0.0)
         bottom, top = panel.get_ylim()
         end_kpa = [solved_kpa[-1, places[name]] for name in ends]
@@ -85,14 +82,12 @@ def response_figure(response: ResponseMap) -> "Figure":
         frame = ("axes fraction", "data")
         for name, height in zip(ends, heights, strict=True):
             note(panel, name, (1.0, height), (5, 0), frame=frame, va="center", **class_style(name))
-    force_mn_per_mm = response.force_n_per_mm * _MN_PER_N
-    panels[-1].plot(
-        response.depth_um, force_mn_per_mm, marker="o", markersize=_DOT_PT, clip_on=False
-    )
-    panels[-1].set(xlim=(0.0, response.deepest_um), ylabel="Force on the probe (mN/mm)")
+    style = {"marker": "o", "markersize": _DOT_PT, "clip_on": False}
+    panels[-1].plot(response.depth_um, response.force_n_per_mm * _MN_PER_N, **style)
+    panels[-1].set_ylabel("Force on the probe (mN/mm)")
     panels[-1].set_ylim(bottom=0.0)
     for panel in panels:
-        panel.set_xlabel("Depth of the probe (µm)")
+        panel.set(xlim=(0.0, response.deepest_um), xlabel="Depth of the probe (µm)")
     figure.supxlabel(closure_text(response))
     return figure
 
@@ -102,10 +97,8 @@ def closure_text(response: ResponseMap) -> str:
     if not math.isfinite(response.closure_percent):
         return "Unloading was not compared with loading."
     percent = max(response.closure_percent, _LEAST_PERCENT)
-    return (
-        "Unloading came back to the stress of loading within "
-        f"{percent:.2g} % at every depth compared."
-    )
+    words = "Unloading came back to the stress of loading within"
+    return f"{words} {percent:.2g} % at every depth compared."
 
 
 @in_style
@@ -113,10 +106,8 @@ def deflection_figure(deflections: Sequence[Deflection]) -> "Figure":
     """The skin's profile on every mesh, with dots every 0.5 mm as in the paper.
 
     In the middle how each mesh differs from the finest, where there are two or more; right the
-    force on the probe on its way down. Raises UsageError: no profile or more than five.
+    force on the probe on its way down.
     """
-    if not 0 < len(deflections) <= MOST_MESHES:
-        raise UsageError(f"{len(deflections)} profiles, expected 1 to {MOST_MESHES} in one picture")
     meshes = sorted(deflections, key=lambda deflection: deflection.elements)
     finest = meshes[-1]
     styles = [*_STYLES[: len(meshes) - 1], {"color": INK}]

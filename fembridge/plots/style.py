@@ -125,10 +125,7 @@ def in_style(draw: Callable[_Given, _Drawn]) -> Callable[_Given, _Drawn]:
 
 
 def check_suffix(path: Path) -> str:
-    """Format that the suffix of `path` stands for.
-
-    Raises UsageError: no suffix, or one of which Matplotlib makes no picture.
-    """
+    """Format that the suffix of `path` stands for; a UsageError where Matplotlib has none."""
     import_matplotlib()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -143,11 +140,7 @@ def check_suffix(path: Path) -> str:
 
 
 def save_figure(figure: "Figure", path: Path, dpi: float = DPI) -> None:
-    """Write `figure`; its suffix chooses the format, the same figure the same bytes.
-
-    Raises UsageError: a suffix that Matplotlib does not know. OutputError: a place where nothing
-    can be written.
-    """
+    """Write `figure`; its suffix chooses the format, the same figure the same bytes."""
     from matplotlib import rc_context
     from matplotlib.backend_bases import get_registered_canvas_class
 
@@ -204,14 +197,14 @@ def grid_figure(
     """
     from matplotlib.figure import Figure
 
-    right_in, low_in = np.cumsum(widths_in), np.cumsum(heights_in)
-    page = np.tile([right_in[-1], low_in[-1]], 2)
-    figure = Figure(figsize=(right_in[-1], low_in[-1]))
+    x_in, y_in = np.cumsum(widths_in), np.cumsum(heights_in)
+    wide_in, tall_in = x_in[-1], y_in[-1]
+    figure = Figure(figsize=(wide_in, tall_in))
 
     def panel(row: int, column: int) -> "Axes":
-        wide, tall = widths_in[2 * column + 1], heights_in[2 * row + 1]
-        corner_in = right_in[2 * column], low_in[-1] - low_in[2 * row + 1]
-        made: Axes = figure.add_axes(tuple((*corner_in, wide, tall) / page))
+        wide, tall = widths_in[2 * column + 1] / wide_in, heights_in[2 * row + 1] / tall_in
+        corner = x_in[2 * column] / wide_in, 1 - y_in[2 * row + 1] / tall_in
+        made: Axes = figure.add_axes((*corner, wide, tall))
         make_plain(made)
         return made
 
@@ -276,13 +269,8 @@ def note(
     **text: Any,  # noqa: ANN401 - as Matplotlib takes it
 ) -> "Annotation":
     """Words `by_pt` points away from a place of a panel, also outside of it."""
-    style: dict[str, Any] = {
-        "xycoords": frame,
-        "textcoords": "offset points",
-        "annotation_clip": False,
-        **text,
-    }
-    return panel.annotate(words, at, xytext=by_pt, **style)
+    place: dict[str, Any] = {"xycoords": frame, "textcoords": "offset points"}
+    return panel.annotate(words, at, xytext=by_pt, annotation_clip=False, **place, **text)
 
 
 def class_style(afferent: str, size_pt: float = TEXT_PT) -> dict[str, Any]:
@@ -341,10 +329,8 @@ def explain_shade(
         return
     spans = {f" ({start:g} to {end:g} ms)" for start, end in windows_ms}
     words = f"outside the time in which spikes are counted{spans.pop() if len(spans) == 1 else ''}"
-    sample = Patch(facecolor=SHADE, edgecolor=FAINT, linewidth=HAIR_PT)
-    figure.legend(
-        [sample], [words], **{"loc": "outside lower center", "handlelength": 1.4, **place}
-    )
+    sample = Patch(facecolor=SHADE, edgecolor=FAINT, linewidth=HAIR_PT, label=words)
+    figure.legend(handles=[sample], **{"loc": "outside lower center", "handlelength": 1.4, **place})
 
 
 def fitting(words: str, room_in: float, size_pt: float = SMALL_TEXT_PT) -> str:

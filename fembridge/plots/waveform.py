@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fembridge.errors import UsageError
 from fembridge.plots.style import (
     FAINT,
     HAIR_PT,
@@ -43,11 +42,8 @@ def waveform_figure(stimuli: Sequence[Stimulus]) -> "Figure":
     """The probe's depth over time, a panel a stimulus, in reading order.
 
     Stimuli of one family share a scale; each family begins a row. Up is into the skin. What is
-    outside the window in which spikes are counted gets a grey ground. Raises UsageError: no
-    stimulus.
+    outside the window in which spikes are counted gets a grey ground.
     """
-    if not stimuli:
-        raise UsageError("no stimulus to draw")
     families = [list(each) for _, each in groupby(stimuli, key=family_of)]
     columns = min(_MOST_COLUMNS, max(math.ceil(math.sqrt(len(each))) for each in families))
     rows = [math.ceil(len(each) / columns) for each in families]
@@ -72,8 +68,8 @@ def waveform_figure(stimuli: Sequence[Stimulus]) -> "Figure":
     page_in = figure.get_figheight()
     figure.supxlabel("Time (ms)", y=_NAME_UP_IN / page_in, va="bottom")
     figure.supylabel("Depth (µm)", x=0.04 / PAGE_WIDTH_IN)
-    windows_ms = (each.window_ms for each in stimuli)
     middle = (0.5, _LEGEND_UP_IN / page_in)
+    windows_ms = [each.window_ms for each in stimuli]
     explain_shade(figure, windows_ms, loc="center", bbox_to_anchor=middle)
     return figure
 
@@ -92,11 +88,11 @@ def draw_waveform(
     """Draw one waveform on a scale from one of `ends_um` to the other, by default its own."""
     low, high = ends_um or _ends_um([stimulus])
     panel.plot(stimulus.times_ms, stimulus.displacement_um, linewidth=_WAVE_PT)
+    panel.set_xlim(0.0, end_ms or stimulus.times_ms[-1])
     if low < 0 < high:
         panel.axhline(0.0, color=FAINT, linewidth=HAIR_PT, zorder=-1)
-    room_um = _ROOM_SHARE * (high - low)
-    panel.set_xlim(0.0, end_ms or stimulus.times_ms[-1])
-    if room_um:
+    if low < high:
+        room_um = _ROOM_SHARE * (high - low)
         panel.set_ylim(low - room_um, high + room_um)
     shade_outside(panel, stimulus.window_ms)
     ticks = scale_ticks(low, high)
@@ -114,7 +110,5 @@ def scale_ticks(low: float, high: float) -> list[float]:
 
 
 def _ends_um(stimuli: Sequence[Stimulus]) -> tuple[float, float]:
-    depths_um = [stimulus.displacement_um for stimulus in stimuli]
-    return float(min(each.min() for each in depths_um)), float(
-        max(each.max() for each in depths_um)
-    )
+    every_um = np.concatenate([stimulus.displacement_um for stimulus in stimuli])
+    return float(every_um.min()), float(every_um.max())
