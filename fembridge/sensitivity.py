@@ -12,18 +12,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+import pandas as pd
 
 from decks.stimuli import resolve
 from fembridge.errors import StimulusError, TableError, UsageError
 from fembridge.tables import TextTable, read_table
 from fembridge.typing import BoolArray, FloatArray
 from fembridge.words import ABSENT, markdown, number, split_unit
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 ALL = "all"
 """In the place of a group: the mean over all stimuli."""
@@ -57,8 +55,8 @@ class SweptFingers:
     were left out, one each.
     """
 
-    parameters: "pd.DataFrame"
-    answers: "pd.DataFrame"
+    parameters: pd.DataFrame
+    answers: pd.DataFrame
     causes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -82,8 +80,6 @@ def read_swept(path: Path) -> SweptFingers:
     A finger of which anything failed is left out; its cause is kept. Raises TableError: neither of
     them, or a cell that is no number where one is expected. UsageError: nothing to compare.
     """
-    import pandas as pd
-
     table = read_table(path)
     if "stimulus" in table.header:
         return _from_results(read_table(path, RESULT_COLUMNS))
@@ -112,8 +108,6 @@ def group_of(stimulus: str) -> str:
 
 def _from_results(table: TextTable) -> SweptFingers:
     """The rows of each finger gathered: its parameters stand before the column stimulus."""
-    import pandas as pd
-
     names = table.header[: table.header.index("stimulus")]
     cells = pd.DataFrame({name: table.column(name) for name in names}, range(table.size))
     finger = np.zeros(table.size, dtype=int)
@@ -141,7 +135,7 @@ def _from_results(table: TextTable) -> SweptFingers:
     )
 
 
-def _parameters(cells: "pd.DataFrame", path: Path) -> "pd.DataFrame":
+def _parameters(cells: pd.DataFrame, path: Path) -> pd.DataFrame:
     """What is not the same in all fingers, as numbers."""
     cells = cells.loc[:, (cells != cells.iloc[:1].squeeze()).any()]
     for name, column in cells.items():
@@ -155,10 +149,8 @@ def _parameters(cells: "pd.DataFrame", path: Path) -> "pd.DataFrame":
     return cells.astype(float)
 
 
-def _means(rows: "pd.DataFrame", path: Path) -> "pd.DataFrame":
+def _means(rows: pd.DataFrame, path: Path) -> pd.DataFrame:
     """Means over groups of stimuli: a row a finger, a column an output."""
-    import pandas as pd
-
     found = rows.set_index(["finger", "stimulus", "afferent"]).unstack([1, 2])  # noqa: PD010 - no mean
     odd = found.columns[np.isnan(found.to_numpy()).any(axis=0)].to_flat_index()
     if odd.size:
@@ -187,7 +179,7 @@ def base_of(swept: SweptFingers) -> int | None:
     return int(rows[0]) if rows.size == 1 else None
 
 
-def single_effects(swept: SweptFingers) -> "pd.DataFrame":
+def single_effects(swept: SweptFingers) -> pd.DataFrame:
     """What each parameter does to each output, from its low value to its high one.
 
     ``base`` and ``at_base`` are those of `base_of`, NaN where there is none.
@@ -195,40 +187,35 @@ def single_effects(swept: SweptFingers) -> "pd.DataFrame":
     low value; NaN where that is 0. ``monotone``: between neighbouring values the answer
     never goes the other way.
     """
-    import pandas as pd
-
-    effects, base_row = [], base_of(swept)
+    effects, base_row, answers = [], base_of(swept), swept.answers
     centre = int(_centres(swept.parameters).argmax())
     for name in swept.parameters:
         others = swept.parameters.drop(columns=name)
         mine = swept.parameters[name][(others == others.iloc[centre]).all(axis=1)]
-        base = math.nan if base_row is None else mine[base_row]
         mine = mine.sort_values(kind="stable")
-        for output in swept.answers.columns.to_flat_index():
-            answers = swept.answers[output]
-            low, high = answers[mine.index[0]], answers[mine.index[-1]]
-            at_base = math.nan if base_row is None else answers[base_row]
-            whole = low if base_row is None else at_base
-            steps = answers[mine.index].diff()[1:]
-            effects.append(
-                {
-                    "parameter": name,
-                    "low": mine.iloc[0],
-                    "base": base,
-                    "high": mine.iloc[-1],
-                    **dict(zip(OUTPUT, output, strict=True)),
-                    "at_low": low,
-                    "at_base": at_base,
-                    "at_high": high,
-                    "change": high - low,
-                    "change_percent": 100 * (high - low) / whole if whole else math.nan,
-                    "monotone": bool((steps >= 0).all() or (steps <= 0).all()),
-                }
-            )
-    return pd.DataFrame(effects)
+        low, high = (answers.loc[mine.index[end]] for end in (0, -1))
+        at_base = math.nan * low if base_row is None else answers.loc[base_row]
+        whole = low if base_row is None else at_base
+        steps = answers.loc[mine.index].diff()[1:]
+        effect = pd.DataFrame(
+            {
+                "at_low": low,
+                "at_base": at_base,
+                "at_high": high,
+                "change": high - low,
+                "change_percent": 100 * (high - low) / whole.replace(0.0, math.nan),
+                "monotone": (steps >= 0).all() | (steps <= 0).all(),
+            }
+        ).reset_index()
+        base = math.nan if base_row is None else mine[base_row]
+        ends = {"parameter": name, "low": mine.iloc[0], "base": base, "high": mine.iloc[-1]}
+        for place, (column, value) in enumerate(ends.items()):
+            effect.insert(place, column, value)
+        effects.append(effect)
+    return pd.concat(effects, ignore_index=True)
 
 
-def _centres(parameters: "pd.DataFrame") -> BoolArray:
+def _centres(parameters: pd.DataFrame) -> BoolArray:
     """Of each row whether all others differ from it in one parameter at most ``(finger,)``."""
     value = parameters.to_numpy()
     centre: BoolArray = (value != value[0]).sum(axis=1) <= 1  # no other row can be one
@@ -239,7 +226,7 @@ def _centres(parameters: "pd.DataFrame") -> BoolArray:
 
 def rank_regressions(
     swept: SweptFingers, *, resamples: int = RESAMPLES, seed: int = 0
-) -> "pd.DataFrame":
+) -> pd.DataFrame:
     """Standardised rank regression of every output, with 95 % intervals.
 
     ``low`` and ``high`` are the ends of a parameter, ``low_95`` and ``high_95`` those
@@ -262,8 +249,6 @@ def rank_regressions(
     Saltelli & Marivoet 1990, Reliab. Eng. Syst. Saf. 28:229). The same seed draws the
     same resamples.
     """
-    import pandas as pd
-
     fingers, parameters = swept.parameters.shape
     least = 2 * (parameters + 1)
     if fingers < least:
@@ -325,7 +310,7 @@ def _standardised(array: FloatArray) -> FloatArray:
     return standard
 
 
-def in_order(table: "pd.DataFrame") -> list[str]:
+def in_order(table: pd.DataFrame) -> list[str]:
     """Parameters of effects or regressions, the one that moves a mean rate most first.
 
     Most in percent of the base's rate, or by its coefficient, whichever class of the
@@ -342,13 +327,13 @@ def in_order(table: "pd.DataFrame") -> list[str]:
     return sorted(table["parameter"].unique(), key=strength, reverse=True)
 
 
-def csv_text(table: "pd.DataFrame") -> str:
+def csv_text(table: pd.DataFrame) -> str:
     """A table as CSV, six digits that count; a truth value is ``yes`` or ``no``."""
     words = table.replace({True: "yes", False: "no"}) if "monotone" in table else table
     return words.to_csv(index=False, float_format="%.6g", lineterminator="\n")
 
 
-def effects_markdown(effects: "pd.DataFrame") -> str:
+def effects_markdown(effects: pd.DataFrame) -> str:
     """A table a class: from low to high, change of rates and of stress; ``~``: it comes back."""
 
     def change(each: _Row) -> str:
@@ -364,7 +349,7 @@ def effects_markdown(effects: "pd.DataFrame") -> str:
         words = _output_words(each)
         return words if math.isnan(at_base) else f"{words} ({_answer(at_base, each['quantity'])})"
 
-    def add_spans(mine: "pd.DataFrame", words: "pd.DataFrame") -> None:
+    def add_spans(mine: pd.DataFrame, words: pd.DataFrame) -> None:
         ends = mine.groupby("parameter")[["low", "high"]].first().loc[words.index].itertuples()
         spans = [f"{e.low:.4g}, {e.high:.4g} {split_unit(str(e.Index))[1]}".rstrip() for e in ends]
         words.insert(0, "from, to", spans)
@@ -372,14 +357,14 @@ def effects_markdown(effects: "pd.DataFrame") -> str:
     return _class_tables(effects, head, change, add_spans)
 
 
-def regressions_markdown(swept: SweptFingers, regressions: "pd.DataFrame") -> str:
+def regressions_markdown(swept: SweptFingers, regressions: pd.DataFrame) -> str:
     """A table a class: coefficients, bold where their interval leaves out 0."""
 
     def coefficient(each: _Row) -> str:
         words = number(each["coefficient"], "+.2f")
         return f"**{words}**" if each["low_95"] > 0 or each["high_95"] < 0 else words
 
-    def add_fits(mine: "pd.DataFrame", words: "pd.DataFrame") -> None:
+    def add_fits(mine: pd.DataFrame, words: pd.DataFrame) -> None:
         fits, spans = [], []
         for each in mine.drop_duplicates(OUTPUT).to_dict("records"):
             fit = f"{each['r_squared']:.2f} ({each['adjusted_r_squared']:.2f})"
@@ -396,10 +381,10 @@ _Row: TypeAlias = Mapping[Any, Any]
 
 
 def _class_tables(
-    table: "pd.DataFrame",
+    table: pd.DataFrame,
     head: Callable[[_Row], str],
     cell: Callable[[_Row], str],
-    complete: "Callable[[pd.DataFrame, pd.DataFrame], None]",
+    complete: Callable[[pd.DataFrame, pd.DataFrame], None],
 ) -> str:
     """Markdown, a table a class: a row a parameter, a column an output, completed."""
     wanted = table[(table["quantity"] == RATE) | (table["stimuli"] == ALL)]

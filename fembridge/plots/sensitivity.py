@@ -6,7 +6,10 @@ regression with their intervals.
 """
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
 
 from fembridge.errors import UsageError
 from fembridge.plots.style import (
@@ -34,10 +37,6 @@ from fembridge.sensitivity import (
     shown,
 )
 
-if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.figure import Figure
-
 MOST_PARAMETERS = 60
 
 _ROW_IN, _BETWEEN_IN, _MARGIN_IN = 0.16, 0.62, 0.45
@@ -51,7 +50,7 @@ _OTHER_COLOUR = "#555555"
 
 
 @in_style
-def effects_figure(effects: "pd.DataFrame") -> "Figure":
+def effects_figure(effects: pd.DataFrame) -> Figure:
     """One-at-a-time effects: rates above, stress below; at most `MOST_PARAMETERS`."""
     mean, order = _of_all(effects)
     afferents, has_base = effects["afferent"].unique(), bool(effects["base"].notna().all())
@@ -81,7 +80,7 @@ def effects_figure(effects: "pd.DataFrame") -> "Figure":
 
 
 @in_style
-def regressions_figure(regressions: "pd.DataFrame", fingers: int) -> "Figure":
+def regressions_figure(regressions: pd.DataFrame, fingers: int) -> Figure:
     """Rank regressions of rate and stress on each parameter; at most `MOST_PARAMETERS`."""
     mean, order = _of_all(regressions)
     afferents = regressions["afferent"].unique()
@@ -117,13 +116,13 @@ def regressions_figure(regressions: "pd.DataFrame", fingers: int) -> "Figure":
     return figure
 
 
-def _of_all(answers: "pd.DataFrame") -> "tuple[pd.DataFrame, list[str]]":
+def _of_all(answers: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
     """Rows of the mean over all stimuli by class, quantity and parameter; parameters in order."""
     mean = answers[answers["stimuli"] == ALL]
     return mean.set_index(["afferent", "quantity", "parameter"]).sort_index(), in_order(answers)
 
 
-def _panels(rows: int, afferents: int, parameters: list[str]) -> "tuple[Figure, Any]":
+def _panels(rows: int, afferents: int, parameters: list[str]) -> tuple[Figure, Any]:
     """Figure of `rows` rows of panels; in each a row a parameter, on a faint line."""
     if len(parameters) > MOST_PARAMETERS:
         raise UsageError(

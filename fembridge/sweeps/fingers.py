@@ -133,12 +133,13 @@ def fingers_of(entries: Sequence[FingersTable], folder: Path, rest: int) -> tupl
     asked = []
     for number, entry in enumerate(entries, start=1):
         with place(f"fingers {number}"):
-            asked.append((entry, *_rows_of(entry, folder)))
-    check_points(rest * sum(len(rows) for _, rows, _ in asked))
+            start = _base_of(entry, folder)
+            asked.append((entry, start, *_rows_of(entry, start)))
+    check_points(rest * sum(len(rows) for _, _, rows, _ in asked))
     variants: list[Variant] = []
-    for number, (entry, rows, called) in enumerate(asked, start=1):
+    for number, each in enumerate(asked, start=1):
         with place(f"fingers {number}"):
-            variants += _variants(entry, rows, called, folder)
+            variants += _variants(*each)
     return tuple(variants)
 
 
@@ -183,7 +184,7 @@ def place(where: str) -> Iterator[None]:
         raise UsageError(f"{where}: {error}") from error
 
 
-def _rows_of(entry: FingersTable, folder: Path) -> tuple[Sequence[Table], Sequence[str]]:
+def _rows_of(entry: FingersTable, start: Variant) -> tuple[Sequence[Table], Sequence[str]]:
     """What is different about each finger of an entry, and of a design what each is called."""
     given = [key for key in ("grid", "rows", "ranges") if getattr(entry, key) is not None]
     if len(given) > 1:
@@ -191,7 +192,7 @@ def _rows_of(entry: FingersTable, folder: Path) -> tuple[Sequence[Table], Sequen
     if entry.sites not in (None, *_SITES):
         raise UsageError(f"sites: {entry.sites!r}, expected {' or '.join(_SITES)}")
     if entry.ranges is not None:
-        return _designed(entry, _flat(entry.ranges), folder)
+        return _designed(entry, _flat(entry.ranges), start)
     if any(each is not None for each in (entry.design, entry.samples, entry.seed)):
         raise UsageError("design, samples and seed are for ranges")
     tables = [entry.grid or {}] if entry.rows is None else entry.rows
@@ -201,7 +202,7 @@ def _rows_of(entry: FingersTable, folder: Path) -> tuple[Sequence[Table], Sequen
 
 
 def _designed(
-    entry: FingersTable, asked: Table, folder: Path
+    entry: FingersTable, asked: Table, start: Variant
 ) -> tuple[Sequence[Table], Sequence[str]]:
     """Rows of a design, and what each is called."""
     one_by_one = entry.design == ONE_AT_A_TIME and entry.samples is entry.seed is None
@@ -216,7 +217,7 @@ def _designed(
             raise UsageError(f"{key}: {count}, expected {least} to {MOST_POINTS}")
     if not asked:
         raise UsageError("ranges: none, expected one or more")
-    start, base, ranges = _base_of(entry, folder), {}, {}
+    base, ranges = {}, {}
     for name, span in asked.items():
         with place(f"ranges: {name}"):
             found = start.value(name)
@@ -247,16 +248,15 @@ def _base_of(entry: FingersTable, folder: Path) -> Variant:
 
 def _variants(
     entry: FingersTable,
+    start: Variant,
     rows: Sequence[Mapping[str, Value]],
     called: Sequence[str],
-    folder: Path,
 ) -> list[Variant]:
-    """One finger for each of `rows`, changes to the base of `entry`.
+    """One finger for each of `rows`, changes to `start`, the base of `entry`.
 
     Where afferents follow, each keeps its distance to the boundary of its layer that
     it is nearest to; or else it stays at its depth, unless that is changed.
     """
-    start = _base_of(entry, folder)
     finger = start.finger
     follows = entry.sites == "follow" or (entry.ranges is not None and entry.sites is None)
     asked = {match[1] for row in rows for match in map(_TO_BOUNDARY.fullmatch, row) if match}
