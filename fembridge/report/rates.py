@@ -7,8 +7,6 @@ of a noise.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from itertools import groupby, product
 from typing import TYPE_CHECKING, Any
 
@@ -81,20 +79,31 @@ FAMILIES = (
 SINES = FAMILIES[0]
 
 
-@dataclass(frozen=True)
 class RateTable:
-    """Long table ``source, stimulus, afferent, rate_ips, family, set, level_um``.
+    """Rates of several sources; those of other than the paper's 82 stimuli are left out.
 
-    `sources` are in the order in which a page shows them; one without any rate counts.
+    `sources` are in the order in which a page shows them, one without any rate counts; `frame`
+    is a long table ``source, stimulus, afferent, rate_ips, family, set, level_um``.
     """
 
-    sources: tuple[str, ...]
-    frame: "DataFrame"
+    def __init__(self, sources: Mapping[str, Iterable[Rate]]) -> None:
+        from pandas import DataFrame
 
-    @cached_property
-    def _rates_ips(self) -> Mapping[Any, float]:
-        keys = ["source", "afferent", "stimulus"]
-        return self.frame.set_index(keys).rate_ips.to_dict()
+        self.sources = tuple(sources)
+        self._rates_ips = {
+            (source, rate.afferent, rate.stimulus): float(rate.rate_ips)
+            for source, rates in sources.items()
+            for rate in rates
+        }
+        rows = [
+            (source, entry.id, afferent, rate_ips, family.name, one.name, entry.level_um)
+            for source, family in product(sources, FAMILIES)
+            for one in family.sets
+            for entry, afferent in product(one.entries, AFFERENTS)
+            if (rate_ips := self._rates_ips.get((source, afferent, entry.id))) is not None
+        ]
+        columns = ["source", "stimulus", "afferent", "rate_ips", "family", "set", "level_um"]
+        self.frame = DataFrame(rows, columns=columns)
 
     def of(self, source: str, afferent: str, stimuli: Sequence[str]) -> FloatArray:
         """Rates ``(S,)`` of a source and class under `stimuli`, NaN where none is."""
@@ -119,29 +128,6 @@ class RateTable:
         """Largest rate of a class under `stimuli` from any source."""
         mine = (self.frame.afferent == afferent) & self.frame.stimulus.isin(stimuli)
         return float(self.frame.rate_ips[mine].max())
-
-
-def rate_table(sources: Mapping[str, Iterable[Rate]]) -> RateTable:
-    """One table of several; rates of other than the paper's 82 stimuli are left out."""
-    from pandas import DataFrame
-
-    places = {
-        entry.id: (family.name, one.name, entry.level_um)
-        for family in FAMILIES
-        for one in family.sets
-        for entry in one.entries
-    }
-    order = list(places)
-    rows = [
-        (source, rate.stimulus, rate.afferent, float(rate.rate_ips), *places[rate.stimulus])
-        for source, rates in sources.items()
-        for rate in sorted(
-            (one for one in rates if one.stimulus in places),
-            key=lambda one: (order.index(one.stimulus), AFFERENTS.index(one.afferent)),
-        )
-    ]
-    columns = ["source", "stimulus", "afferent", "rate_ips", "family", "set", "level_um"]
-    return RateTable(tuple(sources), DataFrame(rows, columns=columns))
 
 
 def agreement_table(rates: RateTable) -> "DataFrame":

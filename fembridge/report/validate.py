@@ -24,7 +24,6 @@ from fembridge.report.rates import (
     agreement_table,
     held_out_table,
     locking_table,
-    rate_table,
     threshold_table,
 )
 from fembridge.report.recorded import Answering, Evidence, gather
@@ -135,7 +134,7 @@ def validate(
     sources: dict[str, Sequence[Rate]] = {OBSERVED: observed.rates()} if observed else {}
     sources |= {name: one.mean_rates for name, one in simulations.items()}
     sources[TOUCHSIM] = touchsim_rates()
-    rates = rate_table(sources)
+    rates = RateTable(sources)
     deflections = stored_deflections()
     judged = models[0]
     if unlike := judged.unlike(response):

@@ -39,10 +39,10 @@ from fembridge.report.rates import (
     OBSERVED,
     SINES,
     TOUCHSIM,
+    RateTable,
     agreement_table,
     held_out_table,
     locking_table,
-    rate_table,
     row_of,
     threshold_table,
 )
@@ -176,7 +176,7 @@ def test_each_rate_is_in_its_place_and_nothing_in_any_other(rates):
         ]
         for source in ("first", "second")
     }
-    table = rate_table(sources)
+    table = RateTable(sources)
     for source in sources:
         for stimulus, afferent in PLACES:
             [found] = table.of(source, afferent, [stimulus])
@@ -185,7 +185,7 @@ def test_each_rate_is_in_its_place_and_nothing_in_any_other(rates):
 
 
 def test_the_reference_is_what_was_observed_of_these_stimuli_or_else_touchsim():
-    table = rate_table({OBSERVED: [Rate("sine_20_250", "SA", 4.0)], TOUCHSIM: TRUE})
+    table = RateTable({OBSERVED: [Rate("sine_20_250", "SA", 4.0)], TOUCHSIM: TRUE})
     assert table.reference(SOME) == OBSERVED
     assert table.reference(SOME[1:]) == TOUCHSIM
 
@@ -203,7 +203,7 @@ def scaled_rates():
         "silent": scaled(0.0),
         TOUCHSIM: scaled(1.1),
     }
-    return rate_table(sources)
+    return RateTable(sources)
 
 
 @pytest.fixture(scope="module")
@@ -243,7 +243,7 @@ def test_a_threshold_is_read_off_the_curve_of_its_frequency():
     """The rate rises from 0 to 50 ips between 113.6 and 168.52 um, log scale."""
     steps = {"sine_50_113.6": 0.0, "sine_50_168.52": 50.0, "sine_50_250": 50.0}
     rates = [Rate(stimulus, "RA", rate) for stimulus, rate in steps.items()]
-    [found] = threshold_table(rate_table({"own": rates})).itertuples(index=False)
+    [found] = threshold_table(RateTable({"own": rates})).itertuples(index=False)
     share = 1000 / 245 / 50
     assert_allclose(found.threshold_um, 113.6 ** (1 - share) * 168.52**share)
     assert_allclose(found.entrainment_threshold_um, 168.52)
@@ -254,7 +254,7 @@ def test_a_threshold_is_read_off_the_curve_of_its_frequency():
 
 def locked(trains, rates_ips):
     rates = [Rate("sine_50_250", a, r) for a, r in zip(AFFERENTS, rates_ips, strict=False)]
-    return locking_table(rate_table({"own": rates}), {"own": trains})
+    return locking_table(RateTable({"own": rates}), {"own": trains})
 
 
 def test_spikes_at_one_phase_are_locked_and_those_outside_the_window_do_not_count():
@@ -328,7 +328,7 @@ def test_touchsim_against_the_observed_sinusoids_is_as_published():
     if not SINES_OBSERVED.is_file():
         pytest.skip("the observed rates are not ours to pass on")
     observed = read_observed(SINES_OBSERVED).rates()
-    found = agreement_table(rate_table({OBSERVED: observed, TOUCHSIM: TRUE}))
+    found = agreement_table(RateTable({OBSERVED: observed, TOUCHSIM: TRUE}))
     for afferent, numbers in {"SA": (0.94, 7.3), "RA": (0.60, 32.4), "PC": (0.98, 38.7)}.items():
         cell = row_of(found, OBSERVED, TOUCHSIM, "sine", EVERY_SET, afferent)
         assert cell.r_squared == pytest.approx(numbers[0], abs=0.005)
@@ -360,7 +360,7 @@ def held(stimuli, by_ips):
 def test_rates_of_a_frequency_that_was_left_out_are_judged_by_frequency_and_together():
     """TouchSim's rates stand for observed ones: it has no error, the model 3 ips."""
     of_model = [replace(rate, rate_ips=rate.rate_ips + 3.0) for rate in TRUE]
-    table = rate_table({OBSERVED: TRUE, "own": of_model, TOUCHSIM: TRUE})
+    table = RateTable({OBSERVED: TRUE, "own": of_model, TOUCHSIM: TRUE})
     stimuli = [*SINES.sets[0].stimuli[:2], *SINES.sets[1].stimuli[:2]]
 
     found = held_out_table(held(stimuli, [1, 7, -5, -5]), table, "own")
