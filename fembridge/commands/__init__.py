@@ -16,18 +16,15 @@ Content: TypeAlias = "str | DataFrame | Figure | Callable[[Path], object]"
 """What is in a file: a text, a table, a picture, or what writes it to a path."""
 
 
-def write_files(folder: Path, files: Mapping[str, Content]) -> None:
+def write_files(folder: Path, files: Mapping[str, Content], last: str = "") -> None:
     """Write `files` into `folder`, all or none; before a verb prints, as nobody may read that.
 
-    Raises
-    ------
-    OutputError
-        As `fembridge.store.filling`.
+    The `last` of them takes its place last, see `fembridge.store.filling`.
     """
     from fembridge.plots.style import save_figure
     from fembridge.store import filling, write_text
 
-    with filling(folder, last=list(files)[-1]) as draft:
+    with filling(folder, last=last or list(files)[-1]) as draft:
         for name, content in files.items():
             if callable(content):
                 content(draft / name)

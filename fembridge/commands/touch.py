@@ -17,7 +17,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from fembridge.commands import written
+from fembridge.commands import Content, write_files, written
 from fembridge.commands.options import add_export_option, add_from, add_output_option, words_of
 from fembridge.terminal import log, print_table
 
@@ -102,9 +102,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Touch; the summary holds the mean rate of each class."""
     from fembridge.plots.pad import PICTURES, check_movie, write_movie
-    from fembridge.plots.style import save_figure
     from fembridge.recording import EXPORTED, Recording, exports, require_libraries
-    from fembridge.store import filling, remove_file
+    from fembridge.store import remove_file
     from fembridge.touching.touch import TOUCH_FILE, touch
 
     require_libraries(args.export)
@@ -113,21 +112,19 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     result = touch(**words_of(args, touch), log=log)
     if note := result.origin.get("note"):
         log(note)
-    drawn = {} if args.no_plot else PICTURES
-    with filling(args.output, last=TOUCH_FILE) as draft:
-        files = result.write(draft)
-        for name, draw in drawn.items():
-            save_figure(draw(result), draft / f"{name}.png")
-            files.append(f"{name}.png")
-        exported = exports(Recording.of(result), args.export) if args.export else {}
-        for name, write in exported.items():
-            write(draft / name)
-            files.append(name)
-    for name in PICTURES.keys() - drawn.keys():
-        remove_file(args.output / f"{name}.png")  # of other spikes than those beside it
+    files: dict[str, Content] = {**result.tables()}
+    if not args.no_plot:
+        files |= {f"{name}.png": draw(result) for name, draw in PICTURES.items()}
+    if args.export:
+        files |= exports(Recording.of(result), args.export)
+    write_files(args.output, files, last=TOUCH_FILE)
+    names = list(files)
+    if args.no_plot:
+        for name in PICTURES:
+            remove_file(args.output / f"{name}.png")  # of other spikes than those beside it
     if args.animate:
         write_movie(args.output / args.animate, result)
-        files.append(args.animate)
+        names.append(args.animate)
     classes = result.summary()
     rows = [
         (
@@ -142,7 +139,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     unit = "N/mm" if result.solved.nodes.pad.plane else "N"
     print(f"{result.way.name}: up to {depth_um:.0f} um, {force_n:.3g} {unit}")
     return {
-        **written(args.output, files, EXPORTED),
+        **written(args.output, names, EXPORTED),
         "way": result.way.name,
         "note": note or "",
         "depth_um": depth_um,
