@@ -15,17 +15,6 @@ COARSE = PadMesh(spacing_mm=0.5, reach_mm=2.0, length_mm=6.0)
 PRISM = prism_of(smooth(QUICK), COARSE)
 
 
-def blocks(deck):
-    """Lines under each card."""
-    found = {}
-    for line in deck.splitlines():
-        if line.startswith("*") and not line.startswith("**"):
-            rows = found.setdefault(line, [])
-        elif not line.startswith("**"):
-            rows.append(line)
-    return found
-
-
 def test_rows_are_the_layers_of_the_finger():
     section = PRISM.point_mm[:, 0, 1]  # on the axis
     for layer, top, bottom in (
@@ -45,31 +34,21 @@ def test_slices_grow_from_the_force_to_the_end():
     assert_allclose(PRISM.z_mm[-1], 6.0)
 
 
-def test_bricks_fill_the_quarter_once():
-    deck = blocks(green_deck(PRISM, CASES[0]))
-    nodes = {}
-    for line in deck["*NODE, NSET=FINGER"]:
-        number, *place = line.split(",")
-        nodes[int(number)] = np.array(place, dtype=float)
-    volume, seen = 0.0, set()
-    for card, lines in deck.items():
-        if not card.startswith("*ELEMENT"):
-            continue
-        for line in lines:
-            number, *corners = map(int, line.split(","))
-            seen.add(number)
-            at = np.array([nodes[n] for n in corners])
-            base = at[:4, :2]
-            across, up = base[2] - base[0], base[3] - base[1]
-            area = 0.5 * (across[0] * up[1] - across[1] * up[0])
-            assert area > 0
-            volume += area * (at[4, 2] - at[0, 2])
-    assert seen == set(range(1, PRISM.elements + 1))
+def test_bricks_fill_the_quarter_once(parse_deck):
+    deck = parse_deck(green_deck(PRISM, CASES[0]))
+    nodes, elements, volume = deck.nodes(), deck.elements(), 0.0
+    for corners in elements.values():
+        at = np.array([nodes[n] for n in corners])
+        across, up = at[2, :2] - at[0, :2], at[3, :2] - at[1, :2]
+        area = 0.5 * (across[0] * up[1] - across[1] * up[0])
+        assert area > 0
+        volume += area * (at[4, 2] - at[0, 2])
+    assert set(elements) == set(range(1, PRISM.elements + 1))
     section = np.pi * (8.0 * 6.5 - 3.2 * 2.2) / 2
     assert_allclose(volume, section * 6.0, rtol=0.02)
 
 
-def test_each_case_has_the_forces_that_can_move_it():
+def test_each_case_has_the_forces_that_can_move_it(parse_deck):
     columns = PRISM.contact_columns
     counts = {case.name: len(case.loads(PRISM)) for case in CASES}
     assert counts == {
@@ -79,9 +58,10 @@ def test_each_case_has_the_forces_that_can_move_it():
         "z_x_odd": columns - 1,
     }
     for case in CASES:
-        deck = blocks(green_deck(PRISM, case))
-        assert len(deck["*CLOAD"]) == counts[case.name]
-        assert "*GREEN" in deck
+        deck = parse_deck(green_deck(PRISM, case))
+        [(_, _, rows)] = deck.all("CLOAD")
+        assert len(rows) == counts[case.name]
+        assert deck.all("GREEN")
 
 
 @pytest.mark.parametrize(

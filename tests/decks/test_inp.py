@@ -76,11 +76,6 @@ def test_blanks_case_and_quotes_do_not_count(line):
     assert text.data[card.start : card.head] == line.rstrip()
 
 
-def test_a_comma_in_quotes_does_not_part_words():
-    _, card = block_of(b'*NSET, NSET="a, b", UNSORTED\n1\n', "NSET")
-    assert [(one.name, one.value) for one in card.options] == [("NSET", "a, b"), ("UNSORTED", None)]
-
-
 def test_a_keyword_line_that_ends_in_a_comma_goes_on_as_its_solver_has_it():
     file = b"*NODE FILE,\nU\n"
     text, card = block_of(file, "NODEFILE")  # ccx takes the next line for data
@@ -96,7 +91,9 @@ def test_a_keyword_line_that_ends_in_a_comma_goes_on_as_its_solver_has_it():
     assert [row.line for row in card.rows()] == [4]
 
 
-def test_a_heading_ends_at_a_star_in_the_first_column():
+def test_a_comma_in_quotes_parts_no_words_and_a_star_in_the_first_column_ends_a_heading():
+    _, card = block_of(b'*NSET, NSET="a, b", UNSORTED\n1\n', "NSET")
+    assert [(one.name, one.value) for one in card.options] == [("NSET", "a, b"), ("UNSORTED", None)]
     deck = b"*HEADING\n  *STEP is what I say\n*NODE\n1, 0.\n"
     assert [card.keyword for card in blocks_in(Text(deck))] == ["HEADING", "NODE"]
 
@@ -144,10 +141,7 @@ def test_included_files_are_read_where_they_are():
     files = {"parts/mesh.inp": b"*NSET, NSET=IN\n5, 6\n"}
     top = b"*INCLUDE, INPUT=parts/mesh.inp\n*NSET, NSET=OUT\nIN, 9\n"
     assert nodes_of(top, resolver=files.get) == {"IN": [5, 6], "OUT": [5, 6, 9]}
-
-
-def test_an_include_of_itself_is_an_error():
-    top = b"*INCLUDE, INPUT=job.inp\n"
+    top = b"*INCLUDE, INPUT=job.inp\n"  # itself
     with pytest.raises(DeckError, match=r"job\.inp"):
         read_inp(top, resolver={"job.inp": top}.get)
 

@@ -93,16 +93,14 @@ def test_a_slide_begins_with_the_stimulus(procedure):
     assert slid.origin["slide_mm_per_s"] == 8.0
 
 
-@pytest.mark.parametrize("speed", [0.0, np.nan, np.inf])
-def test_a_slide_that_is_none_is_refused(speed):
-    with pytest.raises(StimulusError, match="expected a speed other than 0"):
-        stimulus().sliding(speed)
-
-
-@pytest.mark.parametrize("aside", [np.zeros(3), np.full(7, 1.0), np.array([0.0] * 6 + [np.nan])])
-def test_a_way_aside_belongs_to_the_samples_and_begins_at_0(aside):
-    with pytest.raises(StimulusError, match="way aside"):
-        replace(stimulus(), aside_um=aside)
+def test_a_slide_or_a_way_aside_that_is_none_is_refused():
+    """It belongs to the samples and begins at 0."""
+    for speed in (0.0, np.nan, np.inf):
+        with pytest.raises(StimulusError, match="expected a speed other than 0"):
+            stimulus().sliding(speed)
+    for aside in (np.zeros(3), np.full(7, 1.0), np.array([0.0] * 6 + [np.nan])):
+        with pytest.raises(StimulusError, match="way aside"):
+            replace(stimulus(), aside_um=aside)
 
 
 @pytest.mark.parametrize(

@@ -184,18 +184,13 @@ def two_drives(seed, shape=(50, 3)):
     return list(np.random.default_rng(seed).uniform(0, 100, (2, *shape)))
 
 
-def test_a_share_at_its_half_is_one_half_and_shares_add():
+def test_shares_have_one_half_at_their_half_or_are_weighted_keep_their_sign_and_add():
     drives = [np.array([3.0, 0.0, 3.0]), np.array([0.0, 5.0, 15.0])]
-
     current = Coefficients(4.0, halves=(3.0, 5.0)).current(drives)
-
     np.testing.assert_allclose(current, [2.0, 2.0, 2.0 + 3.0], rtol=1e-15)
 
-
-def test_linear_shares_are_weighted_and_keep_their_sign():
     drives = [np.array([1.0, -2.0]), np.array([10.0, 10.0])]
     coefficients = Coefficients(2.0, weights=(3.0, 0.5))
-
     assert coefficients.current(drives).tolist() == [6.0 + 10.0, -12.0 + 10.0]
     assert [float(gain) for gain in coefficients.gains()] == [6.0, 1.0]
     assert Coefficients(2.0, weights=(3.0,)).current(drives[:1]).tolist() == [6, -12]

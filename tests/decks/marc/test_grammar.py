@@ -142,14 +142,11 @@ def test_a_condition_may_be_called_like_a_keyword(name):
     assert [line.text for line in mine.data] == [f"{1:10d}", name]
 
 
-def test_an_included_file_is_refused_with_its_line():
+def test_an_included_file_is_refused_and_a_deck_of_several_domains_has_no_load_case():
     data = with_model("include, 'more.inc'")
     line = data.decode().splitlines().index("include, 'more.inc'") + 1
     with pytest.raises(DeckError, match=f"line {line}: an included file"):
         read_marc_deck(data)
-
-
-def test_the_first_deck_of_several_domains_has_parameters_alone():
     root = b"title\nextended\nsizing" + b" " * 24 + b"0         0\nend\n"
     assert read_marc_deck(root).load_cases() == []
 
@@ -247,11 +244,13 @@ def test_blank_fields_are_zero():
     assert line_of(f"{3:10d}").fields("irr") == [3, 0.0, 0.0]
 
 
-def test_a_field_that_is_no_number_is_named_with_line_and_place():
+def test_a_field_that_is_no_number_or_too_narrow_is_named_with_line_and_place():
     with pytest.raises(DeckError, match="line 7: field 2 is 'x'"):
         line_of(f"{1:10d}{'x':>10}").integers()
     with pytest.raises(DeckError, match="line 7: field 1 is 'a'"):
         line_of("a,").reals()
+    with pytest.raises(DeckError, match=r"line 7: 123456 .* field 1"):
+        line_of(f"{1:5d}", Layout.FIXED).with_integer(0, 123456)
 
 
 @given(layout=layouts, values=small, free=st.booleans(), data=st.data())
@@ -259,11 +258,6 @@ def test_one_integer_of_a_line_is_replaced_and_no_other(layout, values, free, da
     row = data.draw(st.integers(0, len(values) - 1))
     text = line_of(integers_line(values, layout, free=free), layout).with_integer(row, 501)
     assert line_of(text, layout).integers() == [*values[:row], 501, *values[row + 1 :]]
-
-
-def test_an_integer_with_more_digits_than_columns_is_refused():
-    with pytest.raises(DeckError, match=r"line 7: 123456 .* field 1"):
-        line_of(f"{1:5d}", Layout.FIXED).with_integer(0, 123456)
 
 
 # ---- Lists

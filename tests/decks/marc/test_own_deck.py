@@ -257,10 +257,6 @@ def test_load_cases_that_could_be_several_or_are_not_there_are_refused(marc_text
     said = refused(data, "2 load cases")
     assert "1 rest" in said and "2 press" in said
     assert "1 rest" in refused(data, "'lift'", Request(step="lift"))
-
-
-def test_load_cases_without_increments_are_refused_with_their_line(marc_text):
-    deck = marc_text()
     cases = list(deck.case())
     data = deck.text(cases=[*cases[: cases.index("auto load")], "continue"])
     said = refused(data, r"0 load cases with increments .* there: 1 press")

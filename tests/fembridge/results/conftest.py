@@ -2,7 +2,6 @@
 
 import struct
 import sys
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,28 +19,21 @@ class Block:
     name: str
     increment: int
     time_s: float
-    records: Sequence[tuple[int, Sequence[float]]]
+    records: list
     flag: int = 1
     step: int = 1
-    components: tuple[str, ...] = ()
-    number: Callable[[float], str] = "{:12.5E}".format
+    components: tuple = ()
+    number: object = "{:12.5E}".format
     count: int | None = None
 
 
-def frd_bytes(
-    blocks: Sequence[Block],
-    *,
-    nodes: Sequence[int] = (1, 2, 3, 4),
-    elements: Sequence[tuple[int, int, Sequence[int]]] = ((9, 1, (1, 2, 3, 4)),),
-    mesh_flag: int = 1,
-    ended: bool = True,
-    line_end: str = "\n",
-) -> bytes:
+SQUARE = ((9, 1, (1, 2, 3, 4)),)
+
+
+def frd_bytes(blocks, nodes=(1, 2, 3, 4), elements=SQUARE, mesh_flag=1, line_end="\n"):
     """Write a file; an element is (type, material, nodes)."""
-    head = "    1C\n    1UPGM               CalculiX\n"
-    head += "    1UMAT    1EPI\n    1UMAT    2DER\n"
-    out = [head.encode()]
     binary = mesh_flag >= 2
+    out = [b"    1C\n    1UPGM               CalculiX\n    1UMAT    1EPI\n    1UMAT    2DER\n"]
     out.append(_mesh_line("    2C", len(nodes), 3 if binary else 1))
     for node in nodes:
         if binary:
@@ -62,16 +54,15 @@ def frd_bytes(
     out.append(b"" if binary else b" -3\n")
     for running, block in enumerate(blocks, start=1):
         out.extend(_block(block, running))
-    out.append(b" 9999\n" if ended else b"")
-    whole = b"".join(out)
+    whole = b"".join([*out, b" 9999\n"])
     return whole.replace(b"\n", line_end.encode()) if line_end != "\n" else whole
 
 
-def _mesh_line(key: str, count: int, flag: int) -> bytes:
+def _mesh_line(key, count, flag):
     return f"{key}{'':18}{count:12d}{'':37}{flag}\n".encode()
 
 
-def _block(block: Block, running: int) -> list[bytes]:
+def _block(block, running):
     names = block.components or COMPONENTS[block.name]
     time = f"{block.time_s:12.5E}" if block.time_s < 1 else f"{block.time_s:12.9f}"[:12]
     count = len(block.records) if block.count is None else block.count

@@ -310,13 +310,10 @@ def test_a_nearer_node_without_results_is_named(samples):
     assert words.endswith("(node 1 is nearer and has no results)")
 
 
-@pytest.mark.parametrize("place", [(1.0,), (1.0, 2.0, 3.0, 4.0), (1.0, float("nan"))])
-def test_a_place_that_is_none_is_misuse(samples, place):
-    with pytest.raises(UsageError):
-        near_nodes(samples / "cpe4_ascii.frd", [place])
-
-
-def test_a_deep_mesh_needs_z(block, write_frd):
+def test_a_place_is_as_deep_as_the_mesh(block, write_frd, samples):
+    for place in ((1.0,), (1.0, 2.0, 3.0, 4.0), (1.0, float("nan"))):
+        with pytest.raises(UsageError):
+            near_nodes(samples / "cpe4_ascii.frd", [place])
     path = write_frd([block("STRESS", 1, 1e-3, [(1, [1.0] * 6)])], mesh_flag=3)
     content = path.read_bytes()
     old, new = struct.pack("<i3d", 2, 2, 0, 0), struct.pack("<i3d", 2, 2, 0, 1.5)
