@@ -251,15 +251,11 @@ def test_any_printed_number_comes_back(tmp_path_factory, values):
     assert np.array_equal(section.values, np.array(expected))
 
 
-MOVED = " displacements (vx,vy,vz) for set N and time  0.5000000E-03\n\n"
-MOVED_LATER = MOVED.replace("0.5000000E-03", "0.1000000E-02")
-SPRINGS = (
-    " contact stress (slave element+face,press,tang1,tang2) for all contact elements "
-    "and time 0.5000000E-03\n\n"
+MOVED, SPRINGS = (f" {kinds[0][0]}\n\n" for kinds in (KINDS, CONTACT))
+MOVED_LATER, SPRINGS_LATER = (
+    head.replace("0.5000000E-03", "0.1000000E-02") for head in (MOVED, SPRINGS)
 )
-SPRINGS_LATER = SPRINGS.replace("0.5000000E-03", "0.1000000E-02")
-GOOD = "        11  1.250000E+00 -2.500000E-03  3.000000E+00\n"
-SPRING = "        21          5  1.250000E+00 -2.500000E-03  3.000000E+00\n"
+GOOD, SPRING = record("11", REALS[:3]), record("21 5", REALS[:3])
 
 
 def write_table(path, output, quantity=None, **options):
