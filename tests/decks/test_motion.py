@@ -49,7 +49,6 @@ def test_phases_and_samples_tell_the_same(preindent_um, procedure, relaxing_s, s
 
 def test_relaxation_begins_where_the_way_to_the_pre_indentation_ends():
     motion = motion_of(stimulus(300.0), "viscous", relaxing_s=0.02)
-
     ramp, hold, waves = motion.phases
     assert (ramp.procedure, ramp.increments) == ("static", RAMP_INCREMENTS)
     assert (hold.procedure, hold.increments) == ("viscous", HOLD_INCREMENTS)

@@ -54,7 +54,6 @@ def test_a_clock_that_moves_during_a_run_changes_neither_its_cost_nor_its_end(
     fake_ccx, make_run, moved_clock
 ):
     outcome = run_ccx(read_run_folder(make_run("normal")), SolverSettings(time_limit_s=300))
-
     assert outcome.accepted
     assert 0 <= outcome.wall_s < 300
 

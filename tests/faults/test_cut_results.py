@@ -36,7 +36,6 @@ def test_a_result_file_cut_anywhere_is_never_accepted(solved):
     run, frd = read_run_folder(solved), solved / "job.frd"
     assert judge(solved, run, 0, ALL_IS_WELL) is None
     content = frd.read_bytes()
-
     for size in places_to_cut(len(content.rstrip())):
         frd.write_bytes(content[:size])
         failure = judge(solved, run, 0, ALL_IS_WELL)
@@ -50,9 +49,7 @@ def test_a_result_file_that_ends_in_zeros_is_not_accepted(solved):
     content = frd.read_bytes()
     half = len(content) // 2
     frd.write_bytes(content[:half] + bytes(len(content) - half))
-
     failure = judge(solved, run, 0, ALL_IS_WELL)
-
     assert failure.cause is Cause.DISK_FULL
 
 
@@ -81,9 +78,7 @@ def test_a_simulation_does_not_use_what_was_cut(
 ):
     monkeypatch.setenv("REPLAY_CUT", suffix)
     out = tmp_path / "out"
-
     refused("simulate", "--no-plot", "--stimulus", "sine_20_250", "-o", out, notes=1)
-
     assert [path.name for path in out.iterdir()] == ["response"]
     assert not (out / "response" / "response.toml").exists()
 
@@ -95,6 +90,5 @@ def test_one_byte_that_was_edited_has_the_run_made_again(replaying_ccx, tmp_path
     content = bytearray((folder / name).read_bytes())
     content[len(content) // 2] ^= 1
     (folder / name).write_bytes(content)
-
     assert not run_folders([folder])[0].skipped
     assert (folder / name).read_bytes() == (RECORDED / name).read_bytes()

@@ -86,9 +86,7 @@ def test_a_full_disk_leaves_the_earlier_results_and_room_is_all_it_takes(
 ):
     """A lock on it names its folder."""
     place, mount = little_room(200)
-
     shown = json.loads(apart(mount, FILL, place, *WORDS))
-
     assert shown["codes"] == [0, 1, 0]
     assert shown["same"]
     as_in_table(shown["line"].removeprefix("fembridge: "))

@@ -49,10 +49,8 @@ def here(tmp_path, monkeypatch):
 def test_a_hostile_finger_makes_no_deck(here, tmp_path, files_below, refused, kind):
     (here / "finger.toml").write_text(FINGERS[kind])
     before = files_below(tmp_path)
-
     words = ["--finger", "finger.toml", "--stimulus", "sine_20_250", "-o", "runs"]
     line = refused("build-deck", *words)
-
     assert files_below(tmp_path) == before
     assert not (here / "runs").exists()
     assert len(line) < 400
@@ -62,10 +60,8 @@ def test_a_hostile_finger_makes_no_deck(here, tmp_path, files_below, refused, ki
 def test_hostile_parameters_fire_nothing(here, tmp_path, files_below, refused, kind):
     (here / "mine.toml").write_text(PARAMETERS[kind])
     before = files_below(tmp_path)
-
     words = ["--parameters", "mine.toml", "--stimulus", "sine_20_250", "-o", "out"]
     refused("simulate", "--stored", *words)
-
     assert files_below(tmp_path) == before
 
 
@@ -76,9 +72,7 @@ def test_a_hostile_run_folder_gives_no_result(fake_ccx, make_run, refused, kind)
     old, new = RUNS[kind]
     assert old in path.read_text()
     path.write_text(path.read_text().replace(old, new))
-
     refused("run", folder)
-
     assert not (folder / "job.frd").exists()
 
 

@@ -19,9 +19,7 @@ def test_a_solver_that_is_killed_is_said_and_leaves_no_result(fake_ccx, make_run
     folder = make_run("hang")
     killer = threading.Thread(target=lambda: os.kill(pid_of(folder), signal.SIGKILL))
     killer.start()
-
     refused("run", folder)
-
     killer.join()
     assert {path.name for path in folder.iterdir()} == {"failed", "job.inp", "run.toml"}
     assert "killed from outside" in (folder / "failed" / "cause.txt").read_text()
@@ -33,10 +31,8 @@ def test_killed_before_any_file_operation_no_half_stands_for_a_whole(
 ):
     """After each kill the same work is done again, and finds nothing in its way."""
     monkeypatch.setenv("FEMBRIDGE_CCX", sys.executable)  # found, never started
-
     done = begin(KILLED_AT, scene, tmp_path / "scene")
     out, err = done.communicate()
-
     assert done.returncode == 0, err
     assert int(out) >= LEAST
 

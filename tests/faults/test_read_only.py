@@ -75,6 +75,5 @@ def not_ours(make_run, monkeypatch, tmp_path):
 def test_a_folder_without_permission_is_said_in_one_line(not_ours, capsys, refused, verb):
     capsys.readouterr()
     refused(*(["run", "."] if verb == "run" else [*BUILD, "runs"]))
-
     names = sorted(path.name for path in Path().iterdir())
     assert names == ["job.inp", "run.toml"]

@@ -35,7 +35,6 @@ def test_four_points_give_the_line_worked_out_by_hand():
 def test_a_model_with_one_rate_for_all_has_a_flat_line_and_no_correlation(rates_ips):
     """Also where means of the same counts in another order differ by rounding."""
     line = regression([0.0, 10.0, 35.0, 50.0], rates_ips)
-
     assert (line.slope, line.intercept_ips) == (0.0, pytest.approx(rates_ips[-1]))
     assert math.isnan(line.r_squared)
     assert math.isnan(line.p_value)
@@ -45,7 +44,6 @@ def test_a_model_with_one_rate_for_all_has_a_flat_line_and_no_correlation(rates_
 @pytest.mark.parametrize("predicted_ips", [[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]])
 def test_observed_rates_that_are_all_equal_determine_no_line(predicted_ips):
     line = regression([7.0, 7.0, 7.0], predicted_ips)
-
     numbers = (line.slope, line.intercept_ips, line.r_squared, line.p_value)
     assert all(math.isnan(number) for number in numbers)
     assert line.count == 3
@@ -53,7 +51,6 @@ def test_observed_rates_that_are_all_equal_determine_no_line(predicted_ips):
 
 def test_a_line_through_two_points_fits_but_cannot_be_tested():
     line = regression([1.0, 3.0], [5.0, 1.0])
-
     assert (line.slope, line.intercept_ips, line.r_squared) == pytest.approx((-2, 7, 1))
     assert math.isnan(line.p_value)
     assert math.isnan(regression([1.0], [5.0]).slope)

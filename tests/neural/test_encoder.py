@@ -47,7 +47,6 @@ def test_a_held_stress_fires_sa_with_the_period_that_table_2_gives():
     48 of them; with two rows of pause the period is 50 rows, 25 ms.
     """
     [times_ms] = encode(np.full(501, 1926.32), DT_MS, PUBLISHED["SA"])
-
     assert times_ms.tolist() == (24.0 + 25.0 * np.arange(10)).tolist()
 
 
@@ -66,7 +65,6 @@ def test_stress_of_constant_jerk_fires_pc_with_the_period_of_the_recurrence():
     """
     jerk = 16.34 / DT_MS
     [times_ms] = encode(jerk * TIMES_MS**3 / 6, DT_MS, PUBLISHED["PC"])
-
     np.testing.assert_array_equal(times_ms[:10], 6.5 + 5.5 * np.arange(10))
 
 
@@ -78,17 +76,14 @@ def test_stress_of_constant_acceleration_fires_ra_with_the_period_of_the_recurre
     """
     acceleration = 17191.87 / DT_MS
     [times_ms] = encode(acceleration * TIMES_MS**2 / 2, DT_MS, PUBLISHED["RA"])
-
     np.testing.assert_array_equal(times_ms[:10], 3.0 + 2.5 * np.arange(10))
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_a_clock_that_starts_elsewhere_moves_the_spikes_with_it(name):
     stress_pa = half_sine_pa(50)
-
     [at_zero] = encode(stress_pa, DT_MS, PUBLISHED[name])
     [at_minus_40] = encode(stress_pa, DT_MS, PUBLISHED[name], start_ms=-40.0)
-
     assert at_zero.size > 2
     np.testing.assert_array_equal(at_minus_40, at_zero - 40.0)
 
@@ -96,7 +91,6 @@ def test_a_clock_that_starts_elsewhere_moves_the_spikes_with_it(name):
 def test_a_step_printed_with_six_digits_is_the_step():
     [exact] = encode(half_sine_pa(50), DT_MS, PUBLISHED["PC"])
     [printed] = encode(half_sine_pa(50), 0.500001, PUBLISHED["PC"])
-
     np.testing.assert_array_equal(printed, exact)
 
 

@@ -29,9 +29,7 @@ DT_MS = 0.5
 def test_a_kink_drives_ra_once_and_pc_twice():
     """Slope 0, then 4 Pa/ms after sample 20: σ′ jumps by 4, σ″ is 4 / 0.5 once."""
     stress_pa = 2.0 * np.clip(np.arange(40) - 20, 0, None)
-
     ra, pc = rate_change(stress_pa, DT_MS), acceleration_change(stress_pa, DT_MS)
-
     assert {int(k): ra[k] for k in ra.nonzero()[0]} == {21: 4.0}
     assert {int(k): pc[k] for k in pc.nonzero()[0]} == {21: 8.0, 22: 8.0}
 
@@ -40,9 +38,7 @@ def test_a_waveform_that_starts_at_full_speed_does_not_fire_the_onset():
     """Never more than the sine's own greatest change, ω² dt and ω³ dt."""
     omega = 2e-3 * np.pi * 50
     stress_pa = np.sin(omega * DT_MS * np.arange(100))
-
     ra, pc = rate_change(stress_pa, DT_MS), acceleration_change(stress_pa, DT_MS)
-
     assert not ra[:2].any()
     assert not pc[:3].any()
     assert 0.99 * omega**2 * DT_MS < ra.max() <= omega**2 * DT_MS
@@ -51,7 +47,6 @@ def test_a_waveform_that_starts_at_full_speed_does_not_fire_the_onset():
 
 def test_a_pre_indented_finger_has_its_level_from_the_first_sample_to_the_last():
     held_pa = np.full(50, 700.0)
-
     np.testing.assert_allclose(sa_level(held_pa), 700.0, rtol=1e-14)
     assert not sa_rate(held_pa, DT_MS).any()
 
@@ -60,24 +55,19 @@ def test_a_trace_at_rest_at_both_ends_is_padded_with_zeros_in_effect():
     """The literal sum (1), terms outside the trace left out, denominator 19."""
     stress_pa = np.random.default_rng(3).uniform(0, 1e4, 60)
     stress_pa[[0, -1]] = 0.0
-
     literal = np.convolve(stress_pa, np.ones(19), mode="same") / 19
-
     np.testing.assert_allclose(sa_level(stress_pa), literal, rtol=1e-12)
 
 
 def test_filter_2_is_the_literal_sum_of_absolute_rates():
     stress_pa = np.random.default_rng(4).uniform(0, 1e4, 60)
     rate = np.abs(stress_rate(stress_pa, DT_MS))
-
     literal = [rate[max(t - 8, 0) : t + 10].sum() / 18 for t in range(60)]
-
     np.testing.assert_allclose(sa_rate(stress_pa, DT_MS), literal, rtol=1e-12)
 
 
 def test_derivative_schemes_are_the_differences_they_are_named_after():
     stress_pa = np.array([1.0, 2.0, 4.0, 8.0])
-
     assert stress_rate(stress_pa, 0.5, "backward").tolist() == [0, 2, 4, 8]
     assert stress_rate(stress_pa, 0.5, "forward").tolist() == [2, 4, 8, 0]
     assert stress_rate(stress_pa, 0.5, "central").tolist() == [0, 3, 6, 0]

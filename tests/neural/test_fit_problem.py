@@ -104,10 +104,8 @@ def test_objectives_are_those_of_a_plain_loop(seed):
 def test_single_precision_differs_by_a_few_spikes_at_most(row):
     problem = problem_of(row, cells=3)
     values = random_values(problem, 11, candidates=120)  # `fading` fires seldom
-
     double = np.array(counts_of(problem, problem.rates_ips(values)))
     single = np.array(counts_of(problem, problem.rates_ips(values, single=True)))
-
     assert double.sum() > 200
     assert np.abs(single - double).sum() <= 0.005 * double.sum()
     assert np.abs(single - double).max() <= 2
@@ -147,7 +145,6 @@ def test_a_window_ends_with_the_trace_or_before():
     """121 samples every 0.5 ms end at 60 ms; 120 steps lie between them."""
     until_the_end = ((0.0, 60.0),) * 4
     a_step_more = ((0.0, 60.0),) * 3 + ((0.0, 60.5),)
-
     problem_of(windows_ms=until_the_end).rates_ips([[9.0, 1e4, 0.5]])
     with pytest.raises(ParameterError, match="121"):
         problem_of(windows_ms=a_step_more).rates_ips([[9.0, 1e4, 0.5]])
@@ -193,9 +190,7 @@ def threshold_target():
 )
 def test_a_threshold_is_half_way_between_the_amplitudes_around_it(step_pa, found_um):
     target = threshold_target()
-
     [error] = target.errors(problem_with(target), np.array([[1e3, step_pa]]))
-
     np.testing.assert_allclose(error, np.log(found_um / 2000.0) ** 2, rtol=1e-12)
 
 

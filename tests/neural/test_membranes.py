@@ -76,16 +76,13 @@ def test_constant_current_fires_with_the_period_of_the_recurrence(tau_ms, curren
     assume(steady_mv > 1.05 * GAP_MV)
     period = math.log1p(-GAP_MV / steady_mv) / math.log1p(-DT_MS / tau_ms)
     assume(abs(period - round(period)) > 1e-6)  # a tie is for rounding to break
-
     rows = fired_rows(np.full(500, current), tau_ms)
-
     assert rows == list(range(math.ceil(period) - 1, 500, math.ceil(period)))
 
 
 def test_a_potential_at_the_threshold_is_not_above_it(kernel):
     """dt = τ forgets all but the last row, so v = dt I' = 10 mV exactly."""
     at, above = np.full((6, 1), 20.0), np.full((6, 1), np.nextafter(20.0, 21.0))
-
     assert fired_rows(at[:, 0], 0.5) == []
     assert fired_rows(above[:, 0], 0.5) == list(range(6))
     for current, spikes in ((at, 0), (above, 6)):
@@ -199,7 +196,6 @@ def test_blocks_do_not_show_in_the_batch(monkeypatch):
 
 def test_counts_above_a_byte_and_shared_windows(kernel):
     current = [np.full((1000, 2), 50.0)]  # a spike every row
-
     assert candidate_counts(current, LINEAR, membrane(1e6)).tolist() == [[1000, 1000]]
     part = candidate_counts(current, LINEAR, membrane(1e6), window=(10, 30))
     assert part.tolist() == [[20, 20]]
@@ -224,9 +220,7 @@ def test_membranes_that_are_left_out_would_not_have_fired(kernel, seed, scale):
     drives = rng.normal(0.0, scale, (2, 60, 3))
     weights = tuple(rng.uniform(-1.0, 1.0, (2, 5)))
     tau_ms = rng.uniform(0.3, 1e6, 5)
-
     counts = candidate_counts(drives, Coefficients(1.0, weights=weights), membrane(tau_ms))
-
     for k, condition in np.ndindex(counts.shape):
         current = sum(w[k] * drive[:, condition] for w, drive in zip(weights, drives, strict=True))
         assert counts[k, condition] == len(plain_run(current, tau_ms=tau_ms[k]))
@@ -246,7 +240,6 @@ def test_a_window_outside_the_rows_is_refused():
 def test_a_current_that_is_not_finite_is_refused(kernel, bad):
     current = np.zeros((10, 2))
     current[3, 1] = bad
-
     with pytest.raises(TraceError):
         candidate_counts([current], LINEAR, membrane(20.0))
     with pytest.raises(TraceError):

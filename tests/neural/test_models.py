@@ -65,14 +65,12 @@ def test_a_rise_of_two_and_a_half_steps_fires_twice():
     rows are left.
     """
     rise = stress_of([256.0] * 40)
-
     assert spike_samples(rise, RA) == [4 + 17, 4 + 34]
 
 
 def test_a_refractory_period_takes_its_share_of_a_rise():
     """One row of pause: rows 17 and 18 + 17 fire; of 34 rows just the first would."""
     paused = replace(RA, refractory_ms=0.5)
-
     assert spike_samples(stress_of([256.0] * 40), paused) == [21, 39]
     assert spike_samples(stress_of([256.0] * 34), paused) == [21]
 
@@ -80,7 +78,6 @@ def test_a_refractory_period_takes_its_share_of_a_rise():
 def test_a_fall_empties_but_leaves_no_debt():
     """Three quarters of a step, a fall of five, then five quarters: the 5th fires."""
     stress = stress_of([1024.0] * 3 + [-1024.0] * 20 + [1024.0] * 5 + [0.0] * 3)
-
     assert spike_samples(stress, RA) == [4 + 3 + 20 + 5]
 
 
@@ -90,7 +87,6 @@ def test_held_stress_fires_sa_with_the_period_of_the_recurrence():
     Two rows of pause make the period 30 rows. At `held_pa` v only nears the gap.
     """
     sa = RisingSaParameters(tau_ms=20.0, step_pa=4096.0, held_pa=5000.0)
-
     assert spike_samples(np.full(120, 1e4), sa) == [28, 58, 88, 118]
     assert spike_samples(np.full(2000, 5000.0), sa) == []
 
@@ -105,9 +101,7 @@ def test_further_steps_of_one_rise_are_four_times_as_large_until_it_turns():
     """
     up = [256.0] * 86
     stress = stress_of([*up, *[-256.0] * 5, *up])
-
     spikes = spike_samples(stress, replace(TWO_WAY, retraction=1e-6))
-
     assert spikes == [4 + 17, 4 + 17 + 65, 4 + 91 + 17, 4 + 91 + 17 + 65]
 
 
@@ -117,9 +111,7 @@ def test_two_way_is_two_cells_that_count_rises_of_stress_and_of_its_negative(see
     stress = np.cumsum(np.random.default_rng(seed).normal(0, 3e3, 300))
     one_way = replace(TWO_WAY, retraction=1e-9)
     falls = replace(one_way, step_pa=TWO_WAY.step_pa / TWO_WAY.retraction)
-
     both = spike_samples(stress, TWO_WAY)
-
     assert both == sorted(spike_samples(stress, one_way) + spike_samples(-stress, falls))
 
 
@@ -127,7 +119,6 @@ def test_a_held_stress_fires_fading_ever_more_slowly_and_on():
     """1.5 times `held_pa` fades to 3/4 of itself, 1.5 times less: below it, so silence."""
     sa = FadingSaParameters(tau_ms=20.0, step_pa=1e9, held_pa=5000.0)
     times_ms = DT_MS * np.arange(4000)
-
     for peak_pa, fires_on in ((30_000.0, True), (9_000.0, False)):
         spikes_ms = DT_MS * np.array(spike_samples(peak_pa * (times_ms >= 5), sa))
         assert (np.diff(spikes_ms)[1:] >= np.diff(spikes_ms)[:-1] - DT_MS).all()
@@ -174,7 +165,6 @@ def test_a_still_finger_is_silent(row):
     """No stress at all; and a stress that is held, for all but SA."""
     named = {one.field: math.sqrt(one.low * one.high) for one in row.free(1)}
     parameters = row.parameters(**named, drive=row.name)
-
     assert spike_samples(np.zeros(80), parameters) == []
     if row.afferent != "SA":
         assert spike_samples(np.full(80, 1e6), parameters) == []
@@ -188,7 +178,6 @@ def test_shares_have_one_half_at_their_half_or_are_weighted_keep_their_sign_and_
     drives = [np.array([3.0, 0.0, 3.0]), np.array([0.0, 5.0, 15.0])]
     current = Coefficients(4.0, halves=(3.0, 5.0)).current(drives)
     np.testing.assert_allclose(current, [2.0, 2.0, 2.0 + 3.0], rtol=1e-15)
-
     drives = [np.array([1.0, -2.0]), np.array([10.0, 10.0])]
     coefficients = Coefficients(2.0, weights=(3.0, 0.5))
     assert coefficients.current(drives).tolist() == [6.0 + 10.0, -12.0 + 10.0]
@@ -201,7 +190,6 @@ def test_shares_have_one_half_at_their_half_or_are_weighted_keep_their_sign_and_
 def test_a_cell_of_greater_need_sees_the_stress_divided_by_it(seed, need, half):
     drives = two_drives(seed)
     smaller = [drive / need for drive in drives]
-
     for median in (Coefficients(7.0, halves=(half, 2.0)), Coefficients(7.0, weights=(half, 2.0))):
         np.testing.assert_allclose(
             median.for_need(need).current(drives), median.current(smaller), rtol=1e-12
@@ -213,7 +201,5 @@ def test_a_cell_of_greater_need_sees_the_stress_divided_by_it(seed, need, half):
 def test_a_filter_that_grows_with_a_power_of_the_stress_shrinks_by_it(need, degree):
     stress = np.linspace(0.0, 1e4, 9)
     median = Coefficients(3.0, weights=(2.0,), degree=degree)
-
     cell = median.for_need(need).current([stress**degree])
-
     np.testing.assert_allclose(cell, median.current([(stress / need) ** degree]), rtol=1e-12)

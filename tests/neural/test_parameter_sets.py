@@ -67,9 +67,7 @@ def file_of(file):
 def test_a_model_survives_a_file_to_the_last_digit(row):
     own = {**PUBLISHED, row.afferent: odd_parameters(row)}
     table = parameters_to_table(own)
-
     read = parameters_from_table(table, base=None)
-
     assert dict(read) == own
     assert type(read[row.afferent]) is row.parameters
     assert set(table[row.afferent]) == {one.name for one in fields(row.parameters)}
@@ -78,9 +76,7 @@ def test_a_model_survives_a_file_to_the_last_digit(row):
 def test_a_section_says_by_its_drive_which_parameters_it_holds(row):
     needed = {one.field: math.sqrt(one.low * one.high) for one in row.free(1)}
     section = {"drive": row.name, **needed}
-
     own = parameters_from_table({row.afferent: section})[row.afferent]
-
     assert type(own) is row.parameters
     assert own.drive == row.name
     assert {name: getattr(own, name) for name in needed} == needed
@@ -88,7 +84,6 @@ def test_a_section_says_by_its_drive_which_parameters_it_holds(row):
 
 def test_other_models_keep_the_defaults_of_their_class():
     own = parameters_from_table({"RA": RISING_RA, "SA": {}})
-
     assert own["RA"] == RisingRaParameters(tau_ms=300.0, step_pa=7000.0)
     assert own["RA"].threshold_mv == -55.0
     assert own["SA"] == PUBLISHED["SA"]
@@ -123,9 +118,7 @@ def test_a_set_has_its_name_its_depth_and_where_it_comes_from(file_of):
 
 def test_a_set_keeps_what_its_base_has_and_the_file_leaves_out(file_of):
     fitted = parameter_set("fitted")
-
     own = parameter_set(file_of("base = 'fitted'\n[SA]\ntau_ms = 50.0"))
-
     assert own.preindent_um == fitted.preindent_um
     assert own.parameters["SA"] == replace(fitted.parameters["SA"], tau_ms=50.0)
     assert own.parameters["RA"] == fitted.parameters["RA"]
@@ -168,10 +161,8 @@ def test_a_shipped_set_travels_by_its_name(name):
 
 def test_a_set_of_ones_own_travels_whole_with_the_finger_of_its_fit(file_of):
     own = parameter_set(file_of("base = 'fitted'\nname = 'fitted'\n[SA]\ntau_ms = 50.0"))
-
     table = tomllib.loads(tomli_w.dumps(own.to_table()))
     back = ParameterSet.from_table(table, "run", "run.toml")
-
     assert (back.name, back.preindent_um, back.finger["name"]) == ("fitted", 75.0, "quick")
     assert dict(back.finger) == dict(own.finger)
     assert dict(back.parameters) == dict(own.parameters)
@@ -202,7 +193,6 @@ def test_what_is_fitted_lies_inside_what_is_searched():
 def test_a_file_is_read_by_its_path_whatever_it_is_called(here, name):
     text = tomli_w.dumps(parameters_to_table(PUBLISHED))
     (here / name).write_text(text, encoding="utf-8")
-
     for word in (name, f"./{name}", str(here / name)):
         own = parameter_set(word)
         assert own.name == "own"
@@ -211,7 +201,6 @@ def test_a_file_is_read_by_its_path_whatever_it_is_called(here, name):
 
 def test_a_shipped_name_wins_over_a_file_of_that_name(here):
     (here / "published").write_text("base = 'fitted'\n[SA]\ntau_ms = 1.0\n", encoding="utf-8")
-
     assert parameter_set("published").parameters is PUBLISHED
     own = parameter_set("./published")
     assert own.parameters["SA"].tau_ms == 1.0
@@ -244,7 +233,6 @@ def test_a_shipped_name_wins_over_a_file_of_that_name(here):
 def test_a_file_that_makes_no_parameters_is_refused_by_name(file_of, text, named):
     with pytest.raises(ParameterError, match=r"own\.toml: .*" + named) as caught:
         parameter_set(file_of(f"base = 'published'\n{text}"))
-
     assert "\n" not in str(caught.value)
 
 

@@ -31,9 +31,7 @@ def test_rows_of_a_window_are_the_spikes_inside_it(start_row, length, dt_ms, sta
     rows = 400
     window_ms = (start_ms + start_row * dt_ms, start_ms + (start_row + length) * dt_ms)
     every_spike_ms = start_ms + (np.arange(rows) + 1) * dt_ms
-
     chosen = every_spike_ms[window_rows(window_ms, dt_ms, start_ms)]
-
     assert chosen.size == spikes_inside(every_spike_ms, window_ms)
     assert all(spikes_inside([time], window_ms) for time in chosen)
 

@@ -57,7 +57,6 @@ def front():
 def test_the_same_seed_gives_the_same_front_and_another_another(front):
     same = search_front(PROBLEM, seed=3, **SMALL)
     other = search_front(PROBLEM, seed=4, **SMALL)
-
     np.testing.assert_array_equal(same.candidates, front.candidates)
     np.testing.assert_array_equal(same.errors_ips2, front.errors_ips2)
     assert (same.seed, other.seed) == (3, 4)
@@ -79,9 +78,7 @@ def test_who_watches_does_not_change_what_is_found(front):
 
 def test_a_total_weighs_groups_by_their_stimuli():
     problem = problem_of(groups=("a", "b", "b", "b"))
-
     total = total_rmse_ips(problem, np.array([[16.0, 0.0], [4.0, 4.0]]))
-
     assert total.tolist() == [2.0, 2.0]
     rates_ips = problem.rates_ips(np.array([[30.0, 4e3, 7.0]]))
     by_hand = np.sqrt(np.mean((rates_ips[0] - problem.observed_ips) ** 2))
@@ -141,9 +138,7 @@ def test_the_unit_square_spans_what_is_searched():
     """Evenly in the logarithm: half of 1 to 10 000 is 100; or in themselves: 1."""
     free = (Free("tau_ms", 1.0, 1e4, "ms"), Free("spread", 0.0, 2.0, "1", even=True))
     unit = np.array([[0.0, 0.0], [0.5, 0.5], [0.25, 0.25], [1.0, 1.0]])
-
     values = from_unit(unit, free)
-
     np.testing.assert_allclose(
         values, [[1.0, 0.0], [100.0, 1.0], [10.0, 0.5], [1e4, 2.0]], rtol=1e-12
     )
@@ -186,7 +181,6 @@ def front_of(problem, *candidates):
 def test_the_smallest_error_is_taken_wherever_it_stands(observed_ips, row):
     problem = choice_problem(observed_ips)
     candidates = [EVERY, OTHER, THIRD]
-
     for shift in range(3):
         turned = candidates[shift:] + candidates[:shift]
         choice = choose(problem, front_of(problem, *turned))
@@ -198,9 +192,7 @@ def test_the_smallest_error_is_taken_wherever_it_stands(observed_ips, row):
 def test_the_response_is_the_mean_rate_of_each_group():
     """EVERY: means 60 and 40 against 50 and 10: away by 10 and 30, RMS √500."""
     problem = choice_problem([20.0, 80.0, 0.0, 20.0])
-
     away_ips = frequency_response_error_ips(problem, np.array([EVERY, OTHER]))
-
     np.testing.assert_allclose(away_ips, np.sqrt([500.0, (25.0**2 + 10.0**2) / 2]), rtol=1e-12)
 
 
@@ -211,7 +203,6 @@ def test_near_the_smallest_error_the_response_decides():
     off by −2.5 and 5, of THIRD by −7.5 and −5.
     """
     problem = choice_problem([20.0, 35.0, 5.0, 25.0])
-
     for candidates, row in (([THIRD, OTHER], 1), ([OTHER, THIRD], 0)):
         front = front_of(problem, *candidates)
         assert choose(problem, front).row == 0  # a tie: the first
@@ -226,7 +217,6 @@ def test_beyond_a_tenth_the_smaller_error_wins(near_ips, row):
     problem = choice_problem([20.0, 80.0, 0.0, 20.0])
     front = front_of(problem, EVERY, OTHER)  # OTHER has the closer response
     made = replace(front, errors_ips2=np.array([[400.0, 400.0], [near_ips**2, near_ips**2]]))
-
     assert NEAR_SHARE == 0.10
     assert choose(problem, made, "smallest_error").row == 0
     assert choose(problem, made, "frequency_response").row == row
@@ -251,9 +241,7 @@ def test_a_held_out_prediction_does_not_know_what_was_observed(held_out):
     """Rates of one group change: its predictions stay, others move."""
     inside = np.array([name == "20" for name in GROUPS])
     changed = np.where(inside, 15.0, OBSERVED_IPS)
-
     other = held_out_ips(grouped_problem(changed), seed=5, evaluations=EVALUATIONS)
-
     np.testing.assert_array_equal(other[inside], held_out[inside])
     assert (other[~inside] != held_out[~inside]).any()
 
@@ -261,7 +249,6 @@ def test_a_held_out_prediction_does_not_know_what_was_observed(held_out):
 def test_predictions_are_those_of_searches_done_apart():
     problem, rule = grouped_problem(), "frequency_response"
     found = held_out_ips(problem, rule, seed=5, evaluations=200)
-
     for name in ("20", "90", "50"):
         inside = np.array([group == name for group in GROUPS])
         part = problem.part(~inside)

@@ -50,7 +50,6 @@ def test_a_threshold_is_where_the_curve_first_has_the_criterion(curve, criterion
 
 def test_an_amplitude_whose_rate_is_the_criterion_is_given_exactly():
     amplitude_um = [6.71, 9.32, 12.5, 18.0]
-
     for tie in (10.0, 10.0 - 1e-12):
         found_um = threshold_amplitude_um(amplitude_um, [0.0, 3.0, tie, 40.0], criterion_ips=10.0)
         assert found_um == 12.5
@@ -59,7 +58,6 @@ def test_an_amplitude_whose_rate_is_the_criterion_is_given_exactly():
 def test_a_plateau_reaches_to_where_the_curve_leaves_its_range():
     """45 and 55 ips are 0.9 of the way up and 0.1 of the way on, a decade each."""
     plateau = entrainment_plateau([1.0, 10.0, 100.0, 1000.0], [0.0, 50.0, 50.0, 100.0], 50.0)
-
     assert plateau.low_um == pytest.approx(10.0**0.9, rel=1e-14)
     assert plateau.high_um == pytest.approx(10.0**2.1, rel=1e-14)
     assert plateau.decades == pytest.approx(1.2, rel=1e-13)
@@ -68,9 +66,7 @@ def test_a_plateau_reaches_to_where_the_curve_leaves_its_range():
 def test_of_two_plateaus_the_wider_is_given():
     amplitude_um = [1.0, 2.0, 4.0, 8.0, 80.0, 160.0]
     rate = [50.0, 50.0, 0.0, 50.0, 50.0, 0.0]
-
     plateau = entrainment_plateau(amplitude_um, rate, 50.0)
-
     assert plateau.low_um == pytest.approx(4.0 * 2.0**0.9, rel=1e-14)
     assert plateau.high_um == pytest.approx(80.0 * 2.0**0.1, rel=1e-14)
 
@@ -78,7 +74,6 @@ def test_of_two_plateaus_the_wider_is_given():
 def test_the_edges_of_the_range_belong_to_it():
     """0.9 · 50 and 1.1 · 50 are 45 and 55.000000000000007: rounding has no say."""
     plateau = entrainment_plateau([1.0, 2.0, 4.0, 8.0], [0.0, 45.0, 55.0, 100.0], 50.0)
-
     assert (plateau.low_um, plateau.high_um) == pytest.approx((2.0, 4.0), rel=1e-12)
     assert entrainment_plateau([2.0, 4.0], [44.9, 55.1], 50.0) is None
     narrow = entrainment_plateau(
@@ -108,6 +103,5 @@ def test_within_a_plateau_the_curve_stays_in_its_range(curve):
 @pytest.mark.parametrize("name", ["agreement", "encoder", "threshold", "timing"])
 def test_the_examples_of_the_docstrings_are_true(name):
     outcome = doctest.testmod(import_module(f"neural.{name}"))
-
     assert outcome.attempted > 0
     assert outcome.failed == 0

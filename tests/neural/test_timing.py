@@ -57,7 +57,6 @@ def test_van_rossum_is_its_integral_multiplied_out(a, b, tau_ms):
 @given(st.floats(1e-6, 100.0), positive)
 def test_a_moved_spike_costs_by_how_far_it_moved(moved_ms, scale):
     a, b = [0.0], [moved_ms]
-
     assert van_rossum_distance(a, b, scale) == pytest.approx(
         math.sqrt(-math.expm1(-moved_ms / scale)), rel=1e-12
     )
@@ -74,16 +73,13 @@ def test_a_moved_spike_costs_by_how_far_it_moved(moved_ms, scale):
 def test_spikes_at_one_phase_have_strength_one(phase_ms, frequency_hz, cycles):
     """Cycles may be left out: it is the phase that counts, not the rate."""
     times_ms = phase_ms + np.array(cycles) * 1000.0 / frequency_hz
-
     strength = vector_strength(times_ms, frequency_hz)
-
     assert 1.0 - 1e-9 < strength <= 1.0
 
 
 @given(st.integers(2, 40), st.floats(0.0, 20.0))
 def test_spikes_spread_evenly_over_a_cycle_have_strength_zero(spikes, phase_ms):
     times_ms = phase_ms + 20.0 * np.arange(spikes) / spikes
-
     assert vector_strength(times_ms, 50.0) < 1e-12
 
 
@@ -91,7 +87,6 @@ def test_spikes_spread_evenly_over_a_cycle_have_strength_zero(spikes, phase_ms):
 def test_two_phases_have_the_cosine_of_half_their_distance(distance_cycles):
     """|1 + exp(iφ)| / 2 = |cos(φ/2)|."""
     times_ms = 4.0 + np.array([0.0, distance_cycles]) * 20.0
-
     assert vector_strength(times_ms, 50.0) == pytest.approx(
         abs(math.cos(math.pi * distance_cycles)), abs=1e-12
     )

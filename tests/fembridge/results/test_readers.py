@@ -207,7 +207,6 @@ def test_a_whole_run_is_whole_whatever_the_step_that_it_is_resampled_with(folder
 def test_a_deck_changed_after_the_run_is_named_with_what_to_do(folder):
     with (folder / "job.inp").open("a") as deck:
         deck.write("** another thought\n")
-
     with pytest.raises(ResultError):
         read(folder)
 
