@@ -19,9 +19,9 @@ Marc has no units. Lengths are taken as mm, times as s, and stress in
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
-from pathlib import Path
+from functools import cached_property
 
 import numpy as np
 
@@ -108,7 +108,6 @@ class Quantity:
         return f"von Mises of {words} at the points" if self.mises else words
 
 
-@lru_cache(maxsize=8)
 def element_quantities(codes: tuple[PostCode, ...]) -> tuple[Quantity, ...]:
     """What `codes` amount to, in the order of the file; no column twice."""
     column_of = {(code.code, code.layer): k for k, code in enumerate(codes)}
@@ -133,46 +132,6 @@ def element_quantities(codes: tuple[PostCode, ...]) -> tuple[Quantity, ...]:
         held = tuple(codes[k].code for k in columns)
         found.append(Quantity(name, components, held, unit, columns, code.layer))
     return tuple(found)
-
-
-def stress_tensor(codes: tuple[PostCode, ...], path: Path) -> Quantity:
-    """The stress tensor that traces are made of."""
-    found = element_quantities(codes)
-    for code in STRESS_CODES:
-        same = [one for one in found if one.codes[0] == code and len(one.components) == 6]
-        if len(same) > 1:
-            layers = ", ".join(str(one.layer) for one in same)
-            words = f"code {code} is stored for layers {layers}: a shell has no one stress at a"
-            raise ResultError(f"{words} node", path)
-        if same:
-            return same[0]
-    words = ", ".join(map(str, found)) or "no element values"
-    if any(code.code in EQUIVALENT_CODES for code in codes):
-        words += "; --von-mises scalar (von_mises='scalar') takes the one it holds"
-    raise ResultError(f"no stress tensor (post code 311 or 341) in it, it holds {words}", path)
-
-
-def mises_of_points(codes: tuple[PostCode, ...], path: Path) -> Quantity:
-    """The von Mises stress that Marc stored at the points, else that of the tensor there."""
-    for code in EQUIVALENT_CODES:
-        same = [one for one in element_quantities(codes) if one.codes == (code,)]
-        if len(same) == 1:
-            return same[0]
-    return replace(stress_tensor(codes, path), mises=True)
-
-
-def quantities_of(one: PostIncrement, codes: tuple[PostCode, ...]) -> dict[str, Quantity]:
-    """Quantities of an increment by name, ``DX``, ``DY`` of Displacement; not complex ones."""
-    found = {}
-    for held in one.nodal:
-        if not held.is_complex:
-            numbered = tuple(str(k + 1) for k in range(held.components))
-            parts = (_initials(held.name) + a for a in _AXES.get(held.components, numbered))
-            unit = _NODAL_UNITS.get(held.code, AS_IS)
-            found[held.name] = Quantity(held.name, tuple(parts), (held.code,), unit)
-    for quantity in element_quantities(codes) if one.has_element_values else ():
-        found.setdefault(quantity.name, quantity)
-    return found
 
 
 def _initials(name: str) -> str:
@@ -223,6 +182,35 @@ class MarcSource(FieldSource[MarcBlock]):
     def _points(self) -> MeshPoints:
         return MeshPoints(self._post.mesh, self.path, self.options.method, self._post.points)
 
+    @cached_property
+    def _stored(self) -> tuple[Quantity, ...]:
+        """The quantities at integration points."""
+        return element_quantities(self._post.codes)
+
+    def _stress_tensor(self) -> Quantity:
+        """The stress tensor that traces are made of."""
+        for code in STRESS_CODES:
+            same = [one for one in self._stored if one.codes[0] == code and len(one.columns) == 6]
+            if len(same) > 1:
+                layers = ", ".join(str(one.layer) for one in same)
+                words = f"code {code} is stored for layers {layers}: a shell has no one stress at a"
+                raise ResultError(f"{words} node", self.path)
+            if same:
+                return same[0]
+        words = ", ".join(map(str, self._stored)) or "no element values"
+        if any(code.code in EQUIVALENT_CODES for code in self._post.codes):
+            words += "; --von-mises scalar (von_mises='scalar') takes the one it holds"
+        words = f"no stress tensor (post code 311 or 341) in it, it holds {words}"
+        raise ResultError(words, self.path)
+
+    def _mises_of_points(self) -> Quantity:
+        """The von Mises stress that Marc stored at the points, else that of the tensor there."""
+        for code in EQUIVALENT_CODES:
+            same = [one for one in self._stored if one.codes == (code,)]
+            if len(same) == 1:
+                return same[0]
+        return replace(self._stress_tensor(), mises=True)
+
     def describe(self) -> Table:
         """Header, mesh, sets, quantities, what is wrong; as of a ``.frd``."""
         post, mesh = self._post, self._post.mesh
@@ -259,11 +247,20 @@ class MarcSource(FieldSource[MarcBlock]):
         }
 
     def _listed(self) -> list[dict[str, MarcBlock]]:
-        codes = self._post.codes
-        return [
-            {name: MarcBlock.of(one, held) for name, held in quantities_of(one, codes).items()}
-            for one in self._post.increments
-        ]
+        """Quantities of each increment by name, ``DX`` of Displacement; not complex ones."""
+        outputs = []
+        for one in self._post.increments:
+            found = dict[str, MarcBlock]()
+            for held in (each for each in one.nodal if not each.is_complex):
+                numbered = tuple(str(k + 1) for k in range(held.components))
+                axes, letters = _AXES.get(held.components, numbered), _initials(held.name)
+                parts, unit = tuple(letters + a for a in axes), _NODAL_UNITS.get(held.code, AS_IS)
+                quantity = Quantity(held.name, parts, (held.code,), unit)
+                found[held.name] = MarcBlock.of(one, quantity)
+            for quantity in self._stored if one.has_element_values else ():
+                found.setdefault(quantity.name, MarcBlock.of(one, quantity))
+            outputs.append(found)
+        return outputs
 
     def outputs(self) -> list[dict[str, MarcBlock]]:
         """The quantities of each increment, and with `von_mises` "scalar" that of the points.
@@ -275,11 +272,8 @@ class MarcSource(FieldSource[MarcBlock]):
         post, options = self._post, self.options
         beside = self.path.with_suffix(".sts")
         status = None
-        if beside.is_file():
-            try:
-                status = read_sts(beside).problem
-            except ResultError:  # it is not what was asked for
-                status = None
+        with suppress(ResultError):  # it is not what was asked for
+            status = read_sts(beside).problem if beside.is_file() else None
         for words in (*post.remarks, f"{beside.name}: {status}" if status else ""):
             if words:
                 options.note(words)
@@ -289,8 +283,7 @@ class MarcSource(FieldSource[MarcBlock]):
         if options.von_mises == "scalar":
             for output, one in zip(found, post.increments, strict=True):
                 if one.has_element_values:
-                    points = mises_of_points(post.codes, self.path)
-                    output[VON_MISES] = MarcBlock.of(one, points, mises=True)
+                    output[VON_MISES] = MarcBlock.of(one, self._mises_of_points(), mises=True)
         return [output for output in found if output]
 
     def having(self, outputs: Outputs, names: Sequence[str]) -> list[dict[str, MarcBlock]]:
@@ -310,7 +303,7 @@ class MarcSource(FieldSource[MarcBlock]):
         name = ""
         if quantity in (None, STRESS, *OF_STRESS):
             try:
-                name = stress_tensor(self._post.codes, self.path).name
+                name = self._stress_tensor().name
             except ResultError:
                 if quantity is not None or self.options.von_mises is not None:
                     raise
