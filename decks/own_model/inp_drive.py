@@ -175,7 +175,8 @@ def find_drive(deck: Deck, request: Request) -> Drive:
     with suppress(DeckError):
         start_s = sum(_periods_s(deck, steps[: chosen.number])[:-1])
     before = steps[: chosen.number - 1]
-    stands = [np.sign(one.magnitude) * _standing(deck, before, one) for one in push]
+    sets = _sets(deck) if before else {}
+    stands = [np.sign(one.magnitude) * _standing(deck, before, one, sets) for one in push]
     for one, place in zip(push, stands, strict=True):
         if abs(place - stands[0]) > _SAME * abs(place):
             raise DeckError(
@@ -344,9 +345,10 @@ def _magnitudes(block: Block, *, zero: bool = False) -> Iterator[Push]:
 # ---- Where the steps before leave the probe
 
 
-def _standing(deck: Deck, steps: Sequence[Step], push: Push) -> float:
+def _standing(
+    deck: Deck, steps: Sequence[Step], push: Push, sets: Mapping[str, list[range]]
+) -> float:
     """The displacement of what `push` moves at the end of `steps`, in the deck's unit."""
-    sets = _sets(deck) if steps else {}
     held: Push | None = None
     place = 0.0
     for block in deck.blocks:
