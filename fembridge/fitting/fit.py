@@ -27,8 +27,8 @@ from fembridge.fitting.problem import (
 )
 from fembridge.observed import FAMILIES, ObservedRates
 from fembridge.response.response_map import ResponseMap
-from fembridge.store import write_toml
-from fembridge.tables import Rate, write_rates, write_table
+from fembridge.store import write_text, write_toml
+from fembridge.tables import Rate, write_rates
 from fembridge.terminal import Bars
 from fembridge.typing import FloatArray, Table
 from fembridge.version import __version__
@@ -309,21 +309,18 @@ def write_fit(folder: Path, run: FitRun, name: str) -> None:
     """
     for fit, file in zip(run.fits, run.front_files, strict=True):
         front = fit.front
-        groups = [f"rmse_{name.replace(' ', '_')}_ips" for name in front.groups]
         free = [one.field for one in front.free]
-        totals = total_rmse_ips(fit.problem, front.errors_ips2).tolist()
+        groups = [f"rmse_{name.replace(' ', '_')}_ips" for name in front.groups]
         others = [f"rms_{target.name}_error" for target in fit.problem.targets]
-        errors = [front.errors_ips2**0.5, front.target_errors**0.5][: 1 + bool(others)]
-        numbers = np.hstack([front.candidates, *errors]).tolist()
-        chosen = ["yes" if row == fit.choice.row else "no" for row in range(len(totals))]
-        write_table(
-            folder / file,
-            ["afferent", "candidate", "chosen", *free, *groups, *others, "rmse_all_ips"],
-            [
-                [fit.afferent, row + 1, chosen[row], *numbers[row], total]
-                for row, total in enumerate(totals)
-            ],
+        errors = front.errors_ips2**0.5, front.target_errors**0.5
+        table = pd.DataFrame(
+            np.hstack([front.candidates, *errors]), columns=[*free, *groups, *others]
         )
+        table.insert(0, "afferent", fit.afferent)
+        table.insert(1, "candidate", table.index + 1)
+        table.insert(2, "chosen", np.where(table.index == fit.choice.row, "yes", "no"))
+        table["rmse_all_ips"] = total_rmse_ips(fit.problem, front.errors_ips2)
+        write_text(folder / file, table.to_csv(index=False, lineterminator="\n"))
     rates = [
         Rate(stimulus, fit.afferent, rate_ips)
         for fit in run.fits
@@ -333,14 +330,14 @@ def write_fit(folder: Path, run: FitRun, name: str) -> None:
     ]
     write_rates(folder / RATES_FILE, rates)
     whole = len(run.fits) == len(PUBLISHED)
-    table = {
+    record = {
         "name": name,
         **({} if whole else {"base": "published"}),
         "preindent_um": float(run.settings.preindent_um),
         **parameters_to_table({fit.afferent: fit.parameters for fit in run.fits}),
         "fit": run.provenance,
     }
-    write_toml(folder / PARAMETERS_FILE, table)
+    write_toml(folder / PARAMETERS_FILE, record)
 
 
 def fit_table(

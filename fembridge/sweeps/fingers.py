@@ -132,13 +132,13 @@ def fingers_of(entries: Sequence[FingersTable], folder: Path, rest: int) -> tupl
     """
     asked = []
     for number, entry in enumerate(entries, start=1):
-        with place(f"fingers {number}"):
+        with naming(f"fingers {number}"):
             start = _base_of(entry, folder)
             asked.append((entry, start, *_rows_of(entry, start)))
     check_points(rest * sum(len(rows) for _, _, rows, _ in asked))
     variants: list[Variant] = []
     for number, each in enumerate(asked, start=1):
-        with place(f"fingers {number}"):
+        with naming(f"fingers {number}"):
             variants += _variants(*each)
     return tuple(variants)
 
@@ -147,7 +147,7 @@ def combinations(tables: Sequence[Mapping[str, object]]) -> list[dict[str, Value
     """Each combination of the lists in each of `tables`, the last the fastest."""
     grids = []
     for number, table in enumerate(tables, start=1):
-        with place(str(number)):
+        with naming(str(number)):
             grids.append({name: _values(name, value) for name, value in table.items()})
     check_points(sum(math.prod(map(len, grid.values())) for grid in grids))
     return [
@@ -176,7 +176,7 @@ def check_below(name: str) -> None:
 
 
 @contextmanager
-def place(where: str) -> Iterator[None]:
+def naming(where: str) -> Iterator[None]:
     """Name the place in the study in front of what is wrong inside the block."""
     try:
         yield
@@ -219,7 +219,7 @@ def _designed(
         raise UsageError("ranges: none, expected one or more")
     base, ranges = {}, {}
     for name, span in asked.items():
-        with place(f"ranges: {name}"):
+        with naming(f"ranges: {name}"):
             found = start.value(name)
             if name.startswith(CONTACT):
                 found = getattr(LADDER[0], name.removeprefix(CONTACT), None)

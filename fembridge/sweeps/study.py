@@ -43,7 +43,7 @@ from fembridge.sweeps.fingers import (
     check_points,
     combinations,
     fingers_of,
-    place,
+    naming,
 )
 from neural import ParameterSet, parameter_set
 from neural.parameter_sets import SET_NAMES
@@ -170,7 +170,7 @@ def read_study(path: Path) -> Study:
         file and the key.
     """
     table = read_toml(path, UsageError, _MAX_BYTES, _MAX_KEYS)
-    with place(str(path)):
+    with naming(str(path)):
         return study_from(table, path.parent, path.stem, path.read_text("utf-8-sig"))
 
 
@@ -186,13 +186,13 @@ def study_from(
     if isinstance(fingers, list):
         listed["fingers"] = [{"base": e} if isinstance(e, str) else e for e in fingers]
     asked = structure(listed, _StudyTable, UsageError)
-    with place("stimuli"):
+    with naming("stimuli"):
         stimuli = resolve(asked.stimuli)
-    with place("probes"):
+    with naming("probes"):
         probes = tuple(map(_probe, combinations(asked.probes)))
-    with place("contacts"):
+    with naming("contacts"):
         contacts = tuple(combinations(asked.contacts))
-    with place("parameters"):
+    with naming("parameters"):
         word = asked.parameters
         if word not in SET_NAMES:
             check_below(word)
@@ -221,7 +221,7 @@ def study_from(
 
 def ladder_of(asked: Asked) -> tuple[Contact, ...]:
     """Contact models to try: the ladder's, with what is asked put in."""
-    with place("contacts"):
+    with naming("contacts"):
         return tuple(dict.fromkeys(changed(each, asked, UsageError) for each in LADDER))
 
 

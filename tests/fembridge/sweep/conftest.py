@@ -7,7 +7,7 @@ import pytest
 
 from fembridge import cli
 from fembridge.machine import CCX_VARIABLE
-from fembridge.sweeps.work import solver_version
+from fembridge.sweeps.sweep import solver_version
 
 
 @pytest.fixture(autouse=True)

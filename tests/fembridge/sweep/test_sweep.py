@@ -14,11 +14,9 @@ from fembridge.simulation import simulate
 from fembridge.stimulus import Stimulus
 from fembridge.sweeps import Study, Variant
 from fembridge.sweeps import sweep as module
-from fembridge.sweeps import work as work_module
 from fembridge.sweeps.study import study_from
-from fembridge.sweeps.sweep import plan_of
+from fembridge.sweeps.sweep import STUDY_FILE, plan_of, read_answers, solver_version, work
 from fembridge.sweeps.sweep import sweep as run_sweep
-from fembridge.sweeps.work import STUDY_FILE, read_answers, solver_version, work
 from neural import parameter_set
 from neural.rates import spikes_inside
 
@@ -125,14 +123,14 @@ def test_one_that_fails_is_listed_and_stops_nobody(here, tmp_path):
 
 
 def test_a_bug_of_ours_in_one_item_is_said_and_stops_nobody(here, tmp_path, monkeypatch):
-    real = work_module.encode_all
+    real = module.encode_all
 
     def buggy(stimuli, traces, *words):
         if traces[0][0].node == of_quick:
             raise ZeroDivisionError("by\nnothing")
         return real(stimuli, traces, *words)
 
-    monkeypatch.setattr(work_module, "encode_all", buggy)
+    monkeypatch.setattr(module, "encode_all", buggy)
     of_quick = read_map(FOLDER / "quick.toml").places[0].node
     made = study("sine_20_250", variants=(QUICK, Variant("paper", PRESETS["paper"])))
     sweep = run_sweep(made, tmp_path)
@@ -209,7 +207,7 @@ def test_calculix_gives_what_is_stored_and_a_transient_what_the_map_gives(tmp_pa
     assert answers.rate_ips.to_dict() == expected.rate_ips.to_dict()
     np.testing.assert_allclose(answers.peak_stress_pa, expected.peak_stress_pa, rtol=1e-3)
 
-    monkeypatch.setattr(work_module, "make_stimulus", short)
+    monkeypatch.setattr(module, "make_stimulus", short)
     both = Study(
         resolve("sine_20_250"),
         variants,

@@ -13,10 +13,9 @@ from decks.stimuli import resolve
 from fembridge.response.indentation import LADDER
 from fembridge.store import folder_lock
 from fembridge.sweeps import Study, Variant
-from fembridge.sweeps import work as module
+from fembridge.sweeps import sweep as module
 from fembridge.sweeps.study import ladder_of
-from fembridge.sweeps.sweep import plan_of
-from fembridge.sweeps.work import STUDY_FILE, Item, Response, work
+from fembridge.sweeps.sweep import STUDY_FILE, Item, Response, plan_of, work
 from neural import parameter_set
 
 QUICK = Variant("quick", PRESETS["quick"])
