@@ -3,7 +3,7 @@
 Pictures, and a moving picture: contact pressure, stress under the skin, spikes.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from PIL.Image import Image
 
 # A unit's area in the picture grows with its rate up to this, that of the class's
 # liveliest unit, in points squared.
@@ -277,7 +278,9 @@ def write_movie(path: Path, touch: Touch) -> None:
     figure.set_dpi(_DPI)
     with replacing(path) as draft:
         if path.suffix.lower() == ".gif":
-            _write_gif(draft, canvas, moving, show, samples)
+            first, *others = _pictures(canvas, moving, show, samples)
+            how = {"duration": round(1000 / _FRAMES_A_SECOND), "loop": 0}
+            first.save(draft, format="GIF", save_all=True, append_images=others, **how)
             return
         writer = FFMpegWriter(fps=_FRAMES_A_SECOND)
         with writer.saving(figure, draft, _DPI):
@@ -286,36 +289,25 @@ def write_movie(path: Path, touch: Touch) -> None:
                 writer.grab_frame()
 
 
-def _write_gif(
-    path: Path,
+def _pictures(
     canvas: Any,  # noqa: ANN401 - its methods are untyped
     moving: "Sequence[Artist]",
     show: Callable[[int], None],
     samples: IntArray,
-) -> None:
-    """What stands still is drawn once."""
-    from PIL import Image
+) -> "Iterator[Image]":
+    """A picture a sample; what stands still is drawn once."""
+    from PIL.Image import fromarray
 
     for one in moving:
         one.set_animated(True)
     canvas.draw()
     still = canvas.copy_from_bbox(canvas.figure.bbox)
-    pictures = []
     for sample in samples.tolist():
         canvas.restore_region(still)
         show(sample)
         for one in moving:
             canvas.figure.draw_artist(one)
-        picture = Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB")
-        pictures.append(picture.quantize(256))
-    pictures[0].save(
-        path,
-        format="GIF",
-        save_all=True,
-        append_images=pictures[1:],
-        duration=round(1000 / _FRAMES_A_SECOND),
-        loop=0,
-    )
+        yield fromarray(np.array(canvas.buffer_rgba())).convert("RGB").quantize(256)
 
 
 def _scene(

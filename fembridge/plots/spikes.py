@@ -75,11 +75,7 @@ def raster_figure(
     """
     trains = list(trains)
     rows, classes = _rows_and_classes(trains, stimuli, afferents)
-    ends_ms = [*(train.times_ms for train in trains), window_ms or (), (0.0, 1.0)]
-    if waveform:
-        ends_ms.append(waveform.times_ms[[0, -1]])
-    every_ms = np.concatenate(ends_ms if span_ms is None else [span_ms])
-    x = ("Time (ms)", float(every_ms.min()), float(every_ms.max()))
+    x = ("Time (ms)", *(span_ms or _span_ms(trains, window_ms, waveform)))
     lanes = max(Counter((t.stimulus, t.afferent) for t in trains).values(), default=1)
     lanes_in = min(_LANE_IN * lanes, _LANES_IN / len(rows))
     row_in = max(_RASTER_IN[0], lanes_in), _RASTER_IN[1]
@@ -108,10 +104,8 @@ def psth_figure(
     """
     trains = list(trains)
     rows, classes = _rows_and_classes(trains, stimuli, afferents)
-    ends_ms = [0.0, *(float(train.times_ms.max()) for train in trains if train.times_ms.size)]
-    ends_ms += [window_ms[1]] if window_ms else []
-    ends_ms += [float(waveform.times_ms[-1])] if waveform else []
-    edges_ms = bins(max(ends_ms), bin_ms)
+    _, end_ms = _span_ms(trains, window_ms, waveform)
+    edges_ms = bins(end_ms, bin_ms)
     figure, _ = _histograms(
         rows,
         classes,
@@ -212,6 +206,16 @@ def _rows_and_classes(
     if not rows or not classes:
         raise UsageError("no stimulus or no class to draw; name them if all are silent")
     return rows, classes
+
+
+def _span_ms(
+    trains: Sequence[SpikeTrain], window_ms: tuple[float, float] | None, waveform: Stimulus | None
+) -> tuple[float, float]:
+    """From 0, or an earlier spike, to the last spike, or the end of window or waveform."""
+    waves_ms = [waveform.times_ms[[0, -1]]] if waveform else []
+    ends_ms = [*(train.times_ms for train in trains), window_ms or (), *waves_ms, (0.0, 1.0)]
+    every_ms = np.concatenate(ends_ms)
+    return float(every_ms.min()), float(every_ms.max())
 
 
 def _grid(
