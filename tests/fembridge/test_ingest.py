@@ -142,37 +142,13 @@ def test_one_sided_stress_has_a_row_a_material_and_none_of_the_mean(capsys):
     assert "sides" in capsys.readouterr().out
 
 
-UNEVEN = """\
-*NODE, NSET=NALL
-1,0,0,0
-2,1,0,0
-3,1,1,0
-4,0,1,0
-*ELEMENT, TYPE=CPE4, ELSET=E
-1,1,2,3,4
-*MATERIAL, NAME=M
-*ELASTIC
-0.05,0.4
-*SOLID SECTION, ELSET=E, MATERIAL=M
-*STEP, NLGEOM
-*STATIC
-0.1,1.0,1e-5,0.17
-*BOUNDARY
-1,1,2
-2,2
-3,2,2,-0.1
-4,2,2,-0.1
-*NODE FILE
-U,RF
-*EL FILE
-S
-*END STEP
-"""
-
-
 @pytest.mark.solver
-def test_default_increments_of_calculix_go_to_spikes_by_the_commands_that_are_shown(here, capsys):
-    (here / "job.inp").write_text("*HEADING\nUnit system: MM_TON_S_C\n" + UNEVEN)
+def test_default_increments_of_calculix_go_to_spikes_by_the_commands_that_are_shown(
+    here, capsys, patch
+):
+    deck = patch(end_s=1.0).replace("*HEADING\n", "*HEADING\nUnit system: MM_TON_S_C\n")
+    uneven = deck.replace(", DIRECT\n0.0005, 1.0", "\n0.1, 1.0, 1e-5, 0.17")
+    (here / "job.inp").write_text(uneven)
     subprocess.run(["ccx", "-i", "job"], check=True, capture_output=True, cwd=here)
     assert main(["ingest", "job.frd"]) == 0
     logged = capsys.readouterr()

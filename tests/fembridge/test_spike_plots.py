@@ -24,12 +24,8 @@ from fembridge.stimulus import Stimulus
 from fembridge.tables import SpikeTrain
 
 
-def train(stimulus="sine_20_250", afferent="SA", times_ms=(10.0, 60.0), repeat=0):
+def timed(times_ms=(10.0, 60.0), repeat=0, stimulus="sine_20_250", afferent="SA"):
     return SpikeTrain(stimulus, afferent, np.array(times_ms, dtype=float), repeat)
-
-
-def timed(times_ms, repeat=0, **place):
-    return train(times_ms=times_ms, repeat=repeat, **place)
 
 
 def spikes_drawn(panel):
@@ -41,9 +37,9 @@ def spikes_drawn(panel):
 def test_each_class_has_a_panel_in_its_colour_and_each_stimulus_a_row():
     figure = raster_figure(
         [
-            train("sine_20_250", "PC", [5.0]),
-            train("noise_25_250_10", "SA", [7.0, 9.0]),
-            train("sine_20_250", "SA", [30.0]),
+            timed([5.0], afferent="PC"),
+            timed([7.0, 9.0], stimulus="noise_25_250_10"),
+            timed([30.0]),
         ]
     )
 
@@ -62,7 +58,7 @@ def test_each_class_has_a_panel_in_its_colour_and_each_stimulus_a_row():
 
 
 def test_repeats_lie_under_one_another_inside_their_row():
-    figure = raster_figure([train(times_ms=[10.0 * k], repeat=k) for k in range(5)])
+    figure = raster_figure([timed([10.0 * k], k) for k in range(5)])
     drawn = spikes_drawn(figure.axes[0])
     assert [time for time, _, _ in drawn] == [0.0, 10.0, 20.0, 30.0, 40.0]
     assert all(
@@ -72,7 +68,7 @@ def test_repeats_lie_under_one_another_inside_their_row():
 
 
 def test_the_time_axis_covers_every_spike_unless_it_is_said():
-    trains = [train(times_ms=[40.0, 180.0])]
+    trains = [timed([40.0, 180.0])]
     assert raster_figure(trains).axes[0].get_xlim() == (0.0, 180.0)
     assert raster_figure(trains, window_ms=(5, 250)).axes[0].get_xlim() == (0.0, 250.0)
     shown = raster_figure(trains, span_ms=(0.0, 100.0)).axes[0]
@@ -81,7 +77,7 @@ def test_the_time_axis_covers_every_spike_unless_it_is_said():
 
 def test_a_name_is_shown_as_it_is():
     """Endless ones are cut: `test_plot_labels`."""
-    figure = raster_figure([train("cost_$5_$6")])
+    figure = raster_figure([timed(stimulus="cost_$5_$6")])
     figure.draw_without_rendering()
     [label] = figure.axes[0].get_yticklabels()
     assert (label.get_text(), label.get_parse_math()) == ("cost_$5_$6", False)
@@ -91,7 +87,7 @@ def test_a_name_is_shown_as_it_is():
 def test_the_same_spikes_give_the_same_file(tmp_path, suffix):
     first, second = tmp_path / f"first.{suffix}", tmp_path / f"second.{suffix}"
     for path in (first, second):
-        save_figure(raster_figure([train()]), path)
+        save_figure(raster_figure([timed()]), path)
     assert first.read_bytes() == second.read_bytes()
     assert first.stat().st_size > 1000
     assert sorted(tmp_path.iterdir()) == [first, second]
@@ -104,7 +100,7 @@ def test_nothing_to_draw_is_refused():
 
 def test_drawing_leaves_pyplot_and_its_global_state_alone(tmp_path, monkeypatch):
     monkeypatch.delitem(sys.modules, "matplotlib.pyplot", raising=False)
-    save_figure(raster_figure([train()]), tmp_path / "raster.png")
+    save_figure(raster_figure([timed()]), tmp_path / "raster.png")
     assert "matplotlib.pyplot" not in sys.modules
 
 

@@ -130,11 +130,6 @@ def test_of_a_finger_that_relaxes_each_waveform_is_solved():
     assert set(plan.rows["method"]) == {"map", "transient"}
 
 
-def plan_with(solver="stored"):
-    variants = (Variant("quick", PRESETS["quick"]),)
-    return plan_of(Study(resolve("sine_20_250"), variants, stored=True), solver)
-
-
 @pytest.fixture
 def folder(tmp_path):
     (tmp_path / STUDY_FILE).touch()
@@ -142,7 +137,7 @@ def folder(tmp_path):
 
 
 def test_who_is_not_to_wait_says_that_it_is_busy(folder):
-    [item] = plan_with().items.values()
+    [item] = plan_of(study(stored=True), "stored").items.values()
     (folder / item.place).mkdir(parents=True)
     with folder_lock(folder / item.place, ".lock"):
         ended = work(item, folder, waits=False)
@@ -152,7 +147,7 @@ def test_who_is_not_to_wait_says_that_it_is_busy(folder):
 
 
 def test_another_solver_than_the_planned_one_is_refused(folder, recorded_ccx, ledger):
-    [item] = plan_with("calculix 9.9").items.values()
+    [item] = plan_of(study(stored=True), "calculix 9.9").items.values()
     finding = work(item.response, folder)
     shown = "calculix 2.20 is here, the sweep was laid out for calculix 9.9"
     assert finding.cause == shown
@@ -160,7 +155,7 @@ def test_another_solver_than_the_planned_one_is_refused(folder, recorded_ccx, le
 
 
 def test_a_folder_that_this_machine_does_not_see_is_said(tmp_path):
-    [item] = plan_with().items.values()
+    [item] = plan_of(study(stored=True), "stored").items.values()
     assert "all need to share it" in work(item, tmp_path).cause
 
 
