@@ -105,6 +105,11 @@ def test_time_that_is_not_counted_has_a_ground():
     assert spans == [(0.0, 100.0), (200.0, 50.0)]
 
 
+def test_a_scale_names_its_ends_and_a_first_touch_that_is_clear_of_them():
+    assert scale_ticks(-0.7218, 0.7463) == pytest.approx([-0.72, 0.0, 0.75], abs=1e-12)
+    assert scale_ticks(-0.1, 5.0) == [-0.1, 5.0]
+
+
 @given(low=st.floats(-1e4, 1e4), span=st.floats(1e-3, 2e4))
 def test_numbers_on_a_scale_are_near_its_ends_and_rise(low, span):
     ticks = scale_ticks(low, low + span)
