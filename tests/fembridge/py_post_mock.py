@@ -33,7 +33,6 @@ class _Post:
         self._model, self._elements = model, model["elements"]
         self._row = None
         self.position, self.increment, self.time = 0, -1, 0.0
-        self.extrapolate = "linear"
         self.revision = 14
 
     def increments(self):
@@ -46,12 +45,10 @@ class _Post:
         self._row = self._model["positions"][position - 1] if position else None
         self.increment = self._row["increment"] if position else -1
         self.time = self._row["time"] if position else 0.0
-        self._elements = self._model["elements"]
 
     def extrapolation(self, method):
-        if method not in ("linear", "translate", "average"):
+        if method != "linear":
             raise ValueError(method)
-        self.extrapolate = method
 
     def close(self):
         self._model = None
@@ -120,11 +117,7 @@ class _Post:
     def _at_nodes(self, element, points):
         """Values at the corners; a fifth node, of pressure, gets none."""
         corners = self._elements[element][2][:4]
-        if self.extrapolate == "average" or len(points) == 1:
-            return [(node, sum(points) / float(len(points))) for node in corners]
         at = dict(zip(_POINTS, points))
-        if self.extrapolate == "translate":
-            return [(node, at[corner]) for node, corner in zip(corners, _CORNERS)]
         return [
             (
                 node,
@@ -144,6 +137,5 @@ def _checked(index):
 
 
 def post_open(path):
-    """Open a "post file"."""
     with open(path) as file:
         return _Post(json.load(file))

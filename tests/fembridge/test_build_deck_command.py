@@ -15,6 +15,7 @@ from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.build import build_run_folder
 from fembridge.cli import main
+from fembridge.errors import OutputError
 from fembridge.run_folder import read_run_folder, read_waveform
 from fembridge.store import sha256_of
 
@@ -152,13 +153,24 @@ def model():
     return model_of(PRESETS["quick"])
 
 
-def test_building_again_touches_nothing(tmp_path, model):
+def test_building_again_touches_nothing_nor_does_a_disk_that_is_full(tmp_path, model, monkeypatch):
     """A solver at work there, or its results, keep what they were started with."""
+
+    def contents():
+        return {path.name: (path.stat().st_ino, path.read_bytes()) for path in tmp_path.iterdir()}
+
+    def disk_full(stimulus, path):
+        raise OutputError("cannot write: No space left on device", path)
+
     stimulus = stimulus_of("sine_50_250")
     build_run_folder(tmp_path, model, stimulus)
-    before = {path.name: path.stat().st_ino for path in tmp_path.iterdir()}
+    before = contents()
     build_run_folder(tmp_path, model, stimulus)
-    assert {path.name: path.stat().st_ino for path in tmp_path.iterdir()} == before
+    assert contents() == before
+    monkeypatch.setattr("fembridge.build.write_csv", disk_full)
+    with pytest.raises(OutputError, match=r"stimulus\.csv"):
+        build_run_folder(tmp_path, model, stimulus_of("sine_100_85.98"))
+    assert contents() == before
 
 
 def test_a_run_tells_how_much_of_the_section_is_computed_and_why(tmp_path, model):

@@ -113,12 +113,10 @@ def test_the_stored_response_of_the_paper_s_mesh_can_be_asked_for(here, capsys):
     [
         (["--preindent-um", "900"], "sine_20_250 goes 1150 um deep, the stored response"),
         (["--method", "transient"], "--method transient: that takes a solver"),
-        (["--finger", "soft.toml"], "no response is stored for finger 'soft'"),
         (["--probe-diameter-mm", "2"], "diameter_mm 1.0, asked for is 2.0"),
     ],
 )
 def test_what_takes_a_solver_ends_in_the_line_that_installs_one(here, refused, words, found):
-    (here / "soft.toml").write_text("[materials.dermis]\nyoung_mpa = 0.08\n", encoding="utf-8")
     line = refused(["simulate", "--stimulus", "sine_20_250", "-o", "out", *words], found, 1)
     assert line.endswith(f"{SOLVER_INSTALL_LINE}\n")
 

@@ -79,12 +79,9 @@ def test_files_of_two_touches_never_stand_side_by_side(tmp_path, capsys):
     ("words", "named"),
     [
         (("touch", "--shape", "dot.png", "--press-um", "100", "--pixel-mm", "0.1"), "dot.png"),
-        (("touch", "--shape", "punch"), "press"),
         (("touch", "--press-um", "100", "--pad", "nobody"), "reference"),
-        (("touch", "--press-um", "100", "--population", "nobody"), "fingertip"),
         (("touch", "--press-um", "100", "--parameters", "nobody"), "fitted_pad"),
         (("touch", "--press-um", "100", "--animate", "way.avi"), ".gif or .mp4"),
-        (("receptive-field", "--afferent", "XX"), "SA"),
         (("receptive-field", "--depth-um", "deep"), "deep"),
         (("receptive-field", "--pad", "plane"), "plane"),
         (("pad", "-o", "pad.txt"), ".npz"),
