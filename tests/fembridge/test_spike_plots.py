@@ -76,7 +76,7 @@ def test_the_time_axis_covers_every_spike_unless_it_is_said():
 
 
 def test_a_name_is_shown_as_it_is():
-    """Endless ones are cut: `test_plot_labels`."""
+    """Endless ones are cut: `test_plots`."""
     figure = raster_figure([timed(stimulus="cost_$5_$6")])
     figure.draw_without_rendering()
     [label] = figure.axes[0].get_yticklabels()
