@@ -24,6 +24,7 @@ from fembridge.errors import DeckError
 # ---- Numbers: fixed columns, extended columns, or between commas
 
 _REAL = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[eEdD]([+-]?\d+)|([+-]\d+)|[+-])?\Z")
+_MENTAT_REAL = re.compile(r"-?\d\.\d{15}[+-]\d\Z")
 _INTEGER = re.compile(r"[+-]?\d{1,18}\Z")
 _PLAIN_INTEGERS = re.compile(r"[ \d+-]*")
 _LONGEST_REAL = 40  # characters; longer ones are no numbers
@@ -55,6 +56,8 @@ def parse_real(text: str) -> float:
     Where a field ends behind the sign, the exponent is zero (one deck that was run has
     that).
     """
+    if _MENTAT_REAL.match(text):  # most of a deck
+        return float(f"{text[:-2]}e{text[-2:]}")
     found = _REAL.match(text) if len(text) <= _LONGEST_REAL else None
     value = float(f"{found[1]}e{found[2] or found[3] or 0}") if found else math.inf
     if abs(value) == math.inf:
@@ -345,11 +348,13 @@ class Option:
     """A keyword and what belongs to it, comments too.
 
     `lines` starts with the keyword's; comments before the first keyword of a deck are an
-    option without one. `case` is the load case, from 1, and 0 before the history.
+    option without one. `data` are its lines after that, without comments. `case` is the
+    load case, from 1, and 0 before the history.
     """
 
     keyword: str
     lines: tuple[Line, ...]
+    data: tuple[Line, ...]
     section: Section
     case: int
 
@@ -359,14 +364,9 @@ class Option:
         return self.lines[0]
 
     @property
-    def data(self) -> list[Line]:
-        """Its lines after the keyword's, without comments."""
-        return [line for line in self.lines[1:] if not line.comment]
-
-    @property
     def filled(self) -> list[Line]:
         """Its data without the blank lines at their end."""
-        rows = self.data
+        rows = list(self.data)
         while rows and rows[-1].blank:
             rows.pop()
         return rows
@@ -566,7 +566,8 @@ class _Reader:
         """End the open option."""
         if not self.lines:
             return
-        self.options.append(Option(self.keyword, tuple(self.lines), self.section, self.case))
+        lines, rows = tuple(self.lines), tuple(self.rows)
+        self.options.append(Option(self.keyword, lines, rows, self.section, self.case))
         if self.keyword in CONDITIONS:
             self.conditions.update(filter(None, map(condition_name, self.rows)))
         if self.section is Section.PARAMETER:
