@@ -5,7 +5,6 @@ import math
 import os
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import meshio
 import numpy as np
@@ -113,6 +112,17 @@ def test_the_points_own_von_mises_is_taken_as_stored_and_computed_without_it(squ
     assert "at the points" in said[-1]
 
 
+@pytest.fixture
+def stored(write_post):
+    """A file of two increments that have these values at the points of a plane."""
+
+    def written(plane, values, **changes):
+        made = [writer.Increment(number=k, time_s=k * 1e-3, element=values) for k in (0, 1)]
+        return write_post(writer.Storage(real_bytes=8), plane.model(**changes), made)
+
+    return written
+
+
 @settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     columns=st.integers(1, 4),
@@ -122,16 +132,14 @@ def test_the_points_own_von_mises_is_taken_as_stored_and_computed_without_it(squ
     seed=st.integers(0, 2**32 - 1),
 )
 def test_a_node_has_the_mean_of_its_elements_as_a_plain_loop_finds_it(
-    columns, rows, kind, method, seed, write_post
+    columns, rows, kind, method, seed, stored
 ):
     from fembridge.results.extrapolation import node_weights
 
     rng = np.random.default_rng(seed)
     plane = models.Plane(kind, *models.grid(columns, rows))
     values = rng.normal(size=(len(plane.quads), plane.count, 7))
-    increments = [writer.Increment(number=k, time_s=k * 1e-3, element=values) for k in (0, 1)]
-    storage = writer.Storage(real_bytes=8)
-    path = write_post(storage, plane.model(), increments)
+    path = stored(plane, values)
     node = int(rng.choice(sorted(plane.bearing)))
     total, count = np.zeros(6), 0
     for nodes, at_points in zip(plane.elements, values, strict=True):
@@ -153,13 +161,12 @@ def test_a_node_has_the_mean_of_its_elements_as_a_plain_loop_finds_it(
     ],
 )
 @pytest.mark.parametrize("way", [1, -1])
-def test_the_first_stress_tensor_there_is_is_taken_and_named(firsts, taken, named, way, write_post):
+def test_the_first_stress_tensor_there_is_is_taken_and_named(firsts, taken, named, way, stored):
     """Of components in any order."""
     plane = models.Plane(11, *models.grid(1, 1))
     codes = [(first + k, 0, "") for first in firsts for k in range(6)][::way]
     values = [[[code % 5 + 10.0 * (code > 340) for code, _, _ in codes]] * 4]
-    increments = [writer.Increment(number=k, time_s=k * 1e-3, element=values) for k in (0, 1)]
-    path = write_post(writer.Storage(), plane.model(codes=tuple(codes)), increments)
+    path = stored(plane, values, codes=tuple(codes))
     said = []
     found = read_values(path, [1], ReadOptions(log=said.append))[1]
     first = firsts[taken]
@@ -183,11 +190,9 @@ def test_the_first_stress_tensor_there_is_is_taken_and_named(firsts, taken, name
         ),
     ],
 )
-def test_a_file_without_one_stress_tensor_says_what_it_has(codes, shown, write_post):
+def test_a_file_without_one_stress_tensor_says_what_it_has(codes, shown, stored):
     plane = models.Plane(11, *models.grid(1, 1))
-    element = [[[1.0] * len(codes)] * 4]
-    increments = [writer.Increment(number=0, element=element)]
-    path = write_post(writer.Storage(), plane.model(codes=codes), increments)
+    path = stored(plane, [[[1.0] * len(codes)] * 4], codes=codes)
     with pytest.raises(ResultError, match=shown):
         read_values(path, [1])
 
@@ -280,14 +285,12 @@ def test_the_deck_beside_tells_the_materials_of_a_file_without_ids(
     assert last_mpa(path, INSIDE) == pytest.approx(SOFT_MPA)
 
 
-def test_a_collapsed_quadrilateral_counts_once_with_both_its_corners(write_post):
+def test_a_collapsed_quadrilateral_counts_once_with_both_its_corners(stored):
     """Element 2 has node 2 at its corners 1 and 2: the mean of both is its share."""
     nodes = {1: (0, 0), 2: (1, 0), 3: (1, 1), 4: (0, 1), 5: (2, 1)}
     plane = models.Plane(11, nodes, [(1, 2, 3, 4), (2, 2, 5, 3)])
-    rng = np.random.default_rng(3)
-    values = rng.normal(size=(2, 4, 7))
-    increments = [writer.Increment(number=0, element=values)]
-    path = write_post(writer.Storage(real_bytes=8), plane.model(), increments)
+    values = np.random.default_rng(3).normal(size=(2, 4, 7))
+    path = stored(plane, values)
     options = ReadOptions(extrapolate="translate")
     found = read_values(path, [2], options)[1][0, 0] / 1e6
     second = (values[1, 0, 1:] + values[1, 1, 1:]) / 2
@@ -296,34 +299,19 @@ def test_a_collapsed_quadrilateral_counts_once_with_both_its_corners(write_post)
     assert_allclose(field.at([2])[0] / 1e6, found, rtol=1e-12)
 
 
-TIMES_IN_TIME_S = (0.0, 0.001, 0.002, 0.003)
-
-
 def in_time(x, y, layer, time_s):
     return [1e3 * time_s, 0, 0, 0, 0, 0]
 
 
-@pytest.fixture
-def plane():
-    """Four elements with pressure nodes 10 to 13."""
-    return models.Plane(80, *models.grid(2, 2))
+# Four elements with pressure nodes 10 to 13; stress grows by 1 MPa an increment.
+PLANE = models.Plane(80, *models.grid(2, 2))
+INCREMENTS = PLANE.increments(in_time, (0.0, 0.001, 0.002, 0.003))
 
 
 @pytest.fixture
-def increments(plane):
-    """Four of them, stress grows by 1 MPa each."""
-    return plane.increments(in_time, TIMES_IN_TIME_S)
-
-
-@pytest.fixture
-def write(plane, write_post):
-    """Write increments of `plane`."""
-
-    def written(increments, storage=None, **changes):
-        storage = storage or writer.Storage()
-        return write_post(storage, plane.model(**changes), increments)
-
-    return written
+def growing(write_post):
+    """A file of these increments."""
+    return lambda made=INCREMENTS: write_post(writer.Storage(), PLANE.model(), made)
 
 
 @pytest.mark.parametrize(
@@ -335,9 +323,9 @@ def write(plane, write_post):
         (-1, r"no node -1 in the mesh"),
     ],
 )
-def test_a_node_without_stress_is_named(node, shown, write, increments):
+def test_a_node_without_stress_is_named(node, shown, growing):
     with pytest.raises(ResultError, match=shown):
-        read(write(increments), [node])
+        read(growing(), [node])
 
 
 @pytest.mark.parametrize("known", [(1, 2, 3, 5), ()])
@@ -357,10 +345,9 @@ def test_an_element_with_a_node_that_is_not_listed_is_named(known, write_post):
         read(path, near_mm=[(0.0, 0.0)])
 
 
-def test_a_cut_file_is_refused_and_read_in_part_on_request(write, increments):
-    path = write(increments)
-    whole = path.read_bytes()
-    path.write_bytes(whole[:-700])
+def test_a_cut_file_is_refused_and_read_in_part_on_request(growing):
+    path = growing()
+    path.write_bytes(path.read_bytes()[:-700])
     with pytest.raises(ResultError, match=r"; --partial .partial=True. takes what is"):
         read(path, [1])
     said = []
@@ -369,20 +356,19 @@ def test_a_cut_file_is_refused_and_read_in_part_on_request(write, increments):
     assert any("increment" in words for words in said)
 
 
-def test_increments_without_element_values_are_left_out_and_told(write, increments):
-    first = replace(increments[0], element=None)
-    path = write((first, *increments[1:]))
+def test_increments_without_element_values_are_left_out_and_told(growing):
+    bare = tuple(replace(one, element=None) for one in INCREMENTS)
+    path = growing((bare[0], *INCREMENTS[1:]))
     said = []
     (trace,) = read(path, [1], log=said.append)
     assert trace.start_ms == pytest.approx(1.0)
     assert "no Stress in increments 0" in said
-    bare = tuple(replace(one, element=None) for one in increments)
     with pytest.raises(ResultError, match="no element values in it: the deck's 'post'"):
-        read(write(bare), [1])
+        read(growing(bare), [1])
 
 
-def test_a_post_file_gives_any_quantity_at_nodes_and_without_stress_displacement():
-    path = Path(__file__).parents[4] / "fixtures" / "marc_samples" / "nour_plastic.t16"
+def test_a_post_file_gives_any_quantity_at_nodes_and_without_stress_displacement(marc_samples):
+    path = marc_samples / "nour_plastic.t16"
     found = read_history(path, [5, 18])
     assert list(found)[-2:] == ["dx_mm", "dy_mm"]
     last = read_field(path, "Displacement").at([18])[0]
@@ -395,13 +381,12 @@ def test_a_post_file_gives_any_quantity_at_nodes_and_without_stress_displacement
         read_history(path, [5], quantity="von-mises")
 
 
-def test_points_that_no_element_has_may_hold_anything(write_post):
+def test_points_that_no_element_has_may_hold_anything(stored):
     """A quadrilateral of 4 points in a file that stores 9: the others are ignored."""
     plane = models.Plane(11, *models.grid(2, 1))
     values = np.full((2, 9, 7), np.nan)
     values[:, :4] = plane.at_points(in_time, 0.001)
-    increments = [writer.Increment(number=0, element=values)]
-    path = write_post(writer.Storage(), plane.model(points=9), increments)
+    path = stored(plane, values, points=9)
     said = []
     tensor_pa = read_values(path, [2], ReadOptions(log=said.append))[1]
     assert_allclose(tensor_pa[0, 0, 0], 1e6, rtol=1e-6)
@@ -409,23 +394,20 @@ def test_points_that_no_element_has_may_hold_anything(write_post):
     assert_allclose(read_field(path, "Stress").values[:, 0], 1e6, rtol=1e-6)
 
 
-def test_an_unknown_element_type_is_refused_and_averaged_on_request(write_post):
+def test_an_unknown_element_type_is_refused_and_averaged_on_request(stored):
     plane = models.Plane(11, *models.grid(1, 1))
     strange = tuple((n, 998, nodes, more) for n, _, nodes, more in
                     plane.model().elements)  # fmt: skip
-    increments = [writer.Increment(number=0, element=[[[s] * 7 for s in (1, 2, 3, 6)]])]
-    path = write_post(writer.Storage(), plane.model(elements=strange), increments)
+    path = stored(plane, [[[s] * 7 for s in (1, 2, 3, 6)]], elements=strange)
     with pytest.raises(ResultError, match="element 1: element type 998: where its int"):
         read_values(path, [1])
     options = ReadOptions(extrapolate="average")
     assert_allclose(read_values(path, [1], options)[1], 3e6)
 
 
-def test_a_job_that_gave_up_is_distinguished_from_its_status_file(
-    write, increments, marc_samples, tmp_path
-):
+def test_a_job_that_gave_up_is_distinguished_from_its_status_file(growing, marc_samples, tmp_path):
     path, said = tmp_path / "job.t16", []
-    path.write_bytes(write(increments).read_bytes())
+    path.write_bytes(growing().read_bytes())
     status = (marc_samples / "nour_plastic.sts").read_text()
     path.with_suffix(".sts").write_text(status)
     read(path, [1], log=said.append)
@@ -651,12 +633,11 @@ def test_changed_bytes_are_an_error_of_ours_or_numbers(way, seed, changes, whole
     seed=st.integers(0, 2**32 - 1),
 )
 def test_a_field_and_the_traces_of_its_nodes_are_the_same_numbers(
-    kind, layers, method, seed, write_post
+    kind, layers, method, seed, stored
 ):
     plane = models.Plane(kind, *models.grid(3, 2), layers=layers)
     values = np.random.default_rng(seed).normal(size=(6, plane.count, 7))
-    increments = [writer.Increment(number=0, element=values)]
-    path = write_post(writer.Storage(real_bytes=8), plane.model(), increments)
+    path = stored(plane, values)
     options = ReadOptions(extrapolate=method)
     field = read_field(path, "Stress", options=options)
     if field.nodes.size:
