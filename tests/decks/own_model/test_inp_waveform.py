@@ -22,8 +22,12 @@ def deck_of(amplitude="*AMPLITUDE, NAME=A", magnitude="-1.", first="", step="*ST
     )
 
 
-def rebase(deck, motion=MOTION, **request):
-    return rebase_inp(deck.encode(), motion, Request(**request))
+def rebase(deck, motion=MOTION, dialect=None, **request):
+    """The deck with the waveform, which changes nothing when it is put in again."""
+    rebased = rebase_inp(deck.encode(), motion, Request(**request), dialect=dialect)
+    again = rebase_inp(rebased.deck, motion, Request(**request), dialect=dialect)
+    assert again.deck == rebased.deck
+    return rebased
 
 
 def table_of(rebased):
@@ -81,12 +85,9 @@ def test_increments_become_fixed_as_ccx_wants_it(procedure, new):
 
 
 def test_abaqus_has_fixed_increments_that_do_not_stop():
-    deck = deck_of().replace("*STATIC", "*STATIC, DIRECT=NO STOP").encode()
-    rebased = rebase_inp(deck, MOTION, Request(), dialect="abaqus")
-    assert b"\n*STATIC, DIRECT=NO STOP\n0.0005000, 0.0020000\n" in rebased.deck
-    deck = deck.replace(b"*STATIC, DIRECT=NO STOP", b"*VISCO")
-    rebased = rebase_inp(deck, MOTION, Request(), dialect="abaqus")
-    assert b"\n*VISCO\n0.0005000, 0.0020000\n" in rebased.deck
+    for procedure in ("*STATIC, DIRECT=NO STOP", "*VISCO"):
+        rebased = rebase(deck_of().replace("*STATIC", procedure), dialect="abaqus")
+        assert f"\n{procedure}\n0.0005000, 0.0020000\n".encode() in rebased.deck
 
 
 def test_a_deck_whose_last_line_has_no_end_is_taken():
@@ -157,7 +158,6 @@ def test_the_waveform_begins_where_the_steps_before_leave_the_probe(first, stand
     assert any(f"leave PROBE {stands_mm:g} mm deep" in one for one in rebased.remarks) == bool(
         stands_mm
     )
-    assert rebase(rebased.deck.decode(), amplitude="A").deck == rebased.deck
 
 
 def test_an_amplitude_that_another_step_needs_stays_and_the_waveform_gets_its_own():
@@ -198,7 +198,6 @@ def test_a_ramp_becomes_the_waveform_by_an_amplitude_of_its_own(move):
     assert f"** Name: Press\n*Boundary\nPROBE, 1, 1, 0\n{MOVED}" in text
     _, value = table_of(rebased)
     assert_allclose(2e-4 * value, MOTION.depth_mm, rtol=1e-12, atol=1e-15)
-    assert rebase(text, move=move).deck == rebased.deck
     assert rebase(text).deck == rebased.deck
 
 
@@ -211,7 +210,6 @@ def test_a_sign_says_which_way_is_into_the_skin(move, sign):
     assert f"*BOUNDARY, AMPLITUDE=FEMBRIDGE_WAVEFORM\n{line}\n" in text
     _, value = table_of(rebased)
     assert_allclose(value * (1 if sign else 2e-4), MOTION.depth_mm, rtol=1e-12, atol=1e-15)
-    assert rebase(text, move=move).deck == rebased.deck
 
 
 @pytest.mark.parametrize(
@@ -244,7 +242,6 @@ def test_a_displacement_of_another_size_keeps_its_amplitude():
     text = rebased.deck.decode()
     assert text.startswith(deck[: deck.index("*STEP")])
     assert "*BOUNDARY, AMPLITUDE=FEMBRIDGE_WAVEFORM\nPROBE, 2, 2, -0.05\n" in text
-    assert rebase(text, move="PROBE,2").deck == rebased.deck
 
 
 def test_steps_after_the_waveform_are_left_out():
@@ -265,7 +262,6 @@ def test_automatic_increments_end_at_the_samples():
     assert points + "*STEP" in text
     assert "\n*STATIC\n0.0005000, 0.0020000, 0.000000050, 0.0005000\n" in text
     assert "*NODE OUTPUT, TIME POINTS=FEMBRIDGE_TIMES, DOUBLE\n" in text
-    assert rebase(text, increments="automatic").deck == rebased.deck
     fixed = rebase(RAMP).deck.decode()
     assert "*STATIC\n0.0005" in rebase(fixed, increments="automatic").deck.decode()
     longer = Motion(np.arange(9) * DT_S, np.zeros(9), DT_S, 0)
@@ -282,7 +278,7 @@ def test_a_linear_step_which_ccx_makes_in_one_increment_becomes_nonlinear(card, 
     rebased = rebase(deck)
     assert (b"*STEP, NLGEOM\n" in rebased.deck) == large
     assert any("NLGEOM put in" in one for one in rebased.remarks) == large
-    assert b"NLGEOM" not in rebase_inp(deck.encode(), MOTION, Request(), dialect="abaqus").deck
+    assert b"NLGEOM" not in rebase(deck, dialect="abaqus").deck
 
 
 HEADING = "*Heading\nHash: x, Date: 1/2/2024, Unit system: {}\n"
