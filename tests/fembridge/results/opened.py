@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from xml.etree import ElementTree
 
+from fembridge import write_vtu_series
 from fembridge.results import nodes
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.marc_post import PostFile
@@ -52,10 +53,13 @@ def sides(path, node, name="", options=PLAIN):
         return source.sides(node, name)
 
 
-def written(path):
-    """Time and file of each increment that a PVD lists."""
-    entries = ElementTree.parse(path).getroot().iter("DataSet")
-    return [(float(x.get("timestep")), path.parent / x.get("file")) for x in entries]
+def pictured(path, folder, **how):
+    """Time and mesh of each increment of a file that a series for ParaView lists."""
+    import meshio  # not where no picture is made
+
+    series = write_vtu_series(path, folder, **how)
+    entries = ElementTree.parse(series).getroot().iter("DataSet")
+    return [(float(x.get("timestep")), meshio.read(folder / x.get("file"))) for x in entries]
 
 
 def rows_of(path):

@@ -2,12 +2,11 @@
 
 from pathlib import Path
 
-import meshio
 import numpy as np
 import pytest
 from meshio._mesh import topological_dimension
 from numpy.testing import assert_array_equal
-from opened import as_modes, mesh_of, written
+from opened import as_modes, mesh_of, pictured
 
 from fembridge import read_fields, write_vtu_series
 from fembridge.errors import ResultError, UsageError
@@ -48,11 +47,10 @@ def pairs(text):
 def test_what_is_read_back_is_what_the_file_holds(samples, tmp_path, name):
     path = samples / f"{name}.frd"
     derived = ("von_mises", "principal")
-    series = written(write_vtu_series(path, tmp_path / "out", derived=derived))
+    series = pictured(path, tmp_path / "out", derived=derived)
     grid, fields = mesh_of(path), list(read_fields(path))
     assert [time_ms for time_ms, _ in series] == [field.time_ms for field in fields]
-    for (_, file), field in zip(series, fields, strict=True):
-        mesh = meshio.read(file)
+    for (_, mesh), field in zip(series, fields, strict=True):
         assert_array_equal(mesh.points, grid.points_mm)
         assert_array_equal(mesh.point_data["node"], grid.nodes)
         assert_array_equal(mesh.point_data["STRESS_pa"], field.values)
@@ -75,8 +73,7 @@ def test_what_is_read_back_is_what_the_file_holds(samples, tmp_path, name):
 
 def test_nodes_between_materials_are_marked_and_told(samples, tmp_path):
     path, said = samples / "interface_cpe8r.frd", []
-    (entry,) = written(write_vtu_series(path, tmp_path, log=said.append))
-    mesh = meshio.read(entry[1])
+    [(_, mesh)] = pictured(path, tmp_path, log=said.append)
     met = mesh.point_data["materials"]
     assert_array_equal(met == 2, mesh.points[:, 1] == 0.5)
     assert "9 nodes are between materials" in said[0]
@@ -84,8 +81,8 @@ def test_nodes_between_materials_are_marked_and_told(samples, tmp_path):
 
 def test_of_few_nodes_those_alone_are_written_and_said_once(samples, tmp_path):
     path, said = samples / "cpe4_nset_unsorted_dup.frd", []
-    series = written(write_vtu_series(path, tmp_path, log=said.append))
-    mesh, field = meshio.read(series[0][1]), next(read_fields(path))
+    series = pictured(path, tmp_path, log=said.append)
+    mesh, field = series[0][1], next(read_fields(path))
     assert mesh.point_data["node"].tolist() == [11, 18, 25]
     assert_array_equal(mesh.point_data["STRESS_pa"], field.at([11, 18, 25]))
     assert [(cells.type, cells.data.tolist()) for cells in mesh.cells] == [
@@ -98,10 +95,10 @@ def test_of_few_nodes_those_alone_are_written_and_said_once(samples, tmp_path):
 
 def test_however_few_nodes_there_are_meshio_finds_each_array(tmp_path):
     """Some lengths of arrays had it take one for another: of four nodes it read no file."""
-    series = written(write_vtu_series(RECORDED, tmp_path))
-    nodes = meshio.read(series[0][1]).point_data["node"]
-    for (_, path), field in list(zip(series, read_fields(RECORDED), strict=True))[::6]:
-        assert_array_equal(meshio.read(path).point_data["STRESS_pa"], field.at(nodes))
+    series = pictured(RECORDED, tmp_path)
+    nodes = series[0][1].point_data["node"]
+    for (_, mesh), field in list(zip(series, read_fields(RECORDED), strict=True))[::6]:
+        assert_array_equal(mesh.point_data["STRESS_pa"], field.at(nodes))
 
 
 def test_a_node_without_a_value_is_nan_and_said_once(write_frd, block, tmp_path):
@@ -113,9 +110,9 @@ def test_a_node_without_a_value_is_nan_and_said_once(write_frd, block, tmp_path)
         for one in (block("STRESS", k, k * 1e-3, rows), block("DISP", k, k * 1e-3, moved))
     ]
     said = []
-    series = written(write_vtu_series(write_frd(blocks), tmp_path, log=said.append))
+    series = pictured(write_frd(blocks), tmp_path, log=said.append)
     assert len(series) == 3
-    values = meshio.read(series[2][1]).point_data["DISP_mm"]
+    values = series[2][1].point_data["DISP_mm"]
     assert np.isnan(values).any(axis=1).tolist() == [False, False, True, True]
     assert said == ["DISP has 2 of 4 nodes; the others are NaN"]
 
@@ -136,9 +133,9 @@ def test_mid_side_nodes_lie_where_vtk_looks_for_them(write_frd, block, tmp_path,
         elements=[(kind, 1, [*first, *mids])],
         mesh_flag=mesh_flag,
     )
-    ((_, file),) = written(write_vtu_series(path, tmp_path / f"{kind}{mesh_flag}"))
-    (cells,) = meshio.read(file).cells
-    found = meshio.read(file).points[cells.data[0], 0]
+    [(_, mesh)] = pictured(path, tmp_path / f"{kind}{mesh_flag}")
+    (cells,) = mesh.cells
+    found = mesh.points[cells.data[0], 0]
     middle = [(found[a] + found[b]) / 2 for a, b in pairs(EDGES[cells.type])]
     assert found[:corners].tolist() == first
     assert found[corners:].tolist() == middle
@@ -146,8 +143,7 @@ def test_mid_side_nodes_lie_where_vtk_looks_for_them(write_frd, block, tmp_path,
 
 def test_only_what_was_asked_for_is_written(samples, tmp_path):
     path = samples / "cpe4_ascii.frd"
-    series = write_vtu_series(path, tmp_path, quantities=["DISP"], derived=())
-    mesh = meshio.read(written(series)[0][1])
+    mesh = pictured(path, tmp_path, quantities=["DISP"], derived=())[0][1]
     assert set(mesh.point_data) == {"node", "materials", "DISP_mm"}
     with pytest.raises(ResultError, match="no HEAT in it"):
         write_vtu_series(path, tmp_path / "other", quantities=["HEAT"])
@@ -166,10 +162,10 @@ def test_a_value_that_is_not_finite_leaves_its_block_out_and_the_others_are_writ
     for blocks, times_ms in ((stress, [1.0, 3.0]), (both, [1.0, 2.0, 3.0])):
         said = []
         path = write_frd(blocks, mesh_flag=2)
-        series = write_vtu_series(path, tmp_path / "out", log=said.append)
-        assert [time_ms for time_ms, _ in written(series)] == times_ms
+        series = pictured(path, tmp_path / "out", log=said.append)
+        assert [time_ms for time_ms, _ in series] == times_ms
         assert any("STRESS of step 1, increment 2: node 1 at 2 ms" in words for words in said)
-    held = meshio.read(written(series)[1][1]).point_data
+    held = series[1][1].point_data
     assert "DISP_mm" in held
     assert not {"STRESS_pa", "von_mises_pa"} & held.keys()
     with pytest.raises(ResultError, match="no increment with a value"):
@@ -184,13 +180,13 @@ def test_what_cannot_be_derived_is_said_and_the_rest_written(write_frd, block, t
         block("TOSTRAIN", 1, 0.5, values[1], components=strain),
     ]
     said = []
-    series = write_vtu_series(
+    series = pictured(
         write_frd(blocks),
         tmp_path / "out",
         derived=("strain_energy_density", "max_shear"),
         log=said.append,
     )
-    assert "max_shear_pa" in meshio.read(written(series)[0][1]).point_data
+    assert "max_shear_pa" in series[0][1].point_data
     assert "no strain_energy_density: it takes STRESS and TOSTRAIN at the same nodes" in said
 
 
@@ -201,7 +197,7 @@ def test_names_that_xml_cannot_hold_are_made_plain(write_frd, block, tmp_path):
     )
     content = path.read_bytes().replace(b"1EPI", b"1E\xe9\x02")
     path.write_bytes(content)
-    mesh = meshio.read(written(write_vtu_series(path, tmp_path))[0][1])
+    mesh = pictured(path, tmp_path)[0][1]
     assert "A___B" in mesh.point_data
     assert "material E__" in mesh.cell_data
 
@@ -212,12 +208,12 @@ def test_modes_and_times_are_never_in_one_series(samples, tmp_path):
     path, said = tmp_path / "both.frd", list[str]()
     path.write_bytes((samples / "cpe4_ascii.frd").read_bytes())
     as_modes(path, only=first)
-    times = [at for at, _ in written(write_vtu_series(path, tmp_path / "times", log=said.append))]
+    times = [at for at, _ in pictured(path, tmp_path / "times", log=said.append)]
     assert times == [field.time_ms for field in read_fields(samples / "cpe4_ascii.frd")][1:]
     assert any(
         "left out: 1 outputs of any quantity over freq" in s and "--modes" in s for s in said
     )
-    modes = written(write_vtu_series(path, tmp_path / "modes", modes=True))
+    modes = pictured(path, tmp_path / "modes", modes=True)
     assert [at for at, _ in modes] == [float(first)]
     with pytest.raises(UsageError, match="no modes"):
         write_vtu_series(samples / "cpe4_ascii.frd", tmp_path / "none", modes=True)
@@ -232,7 +228,7 @@ def test_a_wedge_stands_in_the_file_as_vtk_has_it(write_frd, block, tmp_path):
         nodes=nodes,
         elements=[(2, 1, nodes)],
     )
-    ((_, file),) = written(write_vtu_series(path, tmp_path))
-    (cells,) = meshio.read(file).cells  # which turns it over once more
+    [(_, mesh)] = pictured(path, tmp_path)
+    (cells,) = mesh.cells  # which turns it over once more
     assert cells.type == "wedge"
     assert cells.data[0][[0, 2, 1, 3, 5, 4]].tolist() == [0, 1, 2, 3, 4, 5]

@@ -6,7 +6,6 @@ import os
 import warnings
 from dataclasses import replace
 
-import meshio
 import numpy as np
 import post_writer as writer
 import pytest
@@ -14,7 +13,7 @@ import stress_models as models
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
-from opened import choose_nodes, near_nodes, read_field, sides, written
+from opened import choose_nodes, near_nodes, pictured, read_field, sides
 
 from fembridge import read, read_history, write_vtu_series
 from fembridge.errors import FembridgeError, ResultError, UsageError
@@ -511,9 +510,9 @@ def test_a_set_of_a_deck_can_be_named(post, tmp_path):
 
 
 def test_paraview_gets_each_layer_s_own_values_at_a_boundary(post, layered, tmp_path):
-    found = written(write_vtu_series(post, tmp_path / "out"))
+    found = pictured(post, tmp_path / "out")
     assert [time_ms for time_ms, _ in found] == pytest.approx([0.0, 1.0, 2.0])
-    mesh = meshio.read(found[2][1])
+    mesh = found[2][1]
     data = mesh.point_data
     assert {"Stress_pa", "von_mises_pa", "Displacement_mm", "node", "materials"} <= set(data)
     (cells,) = mesh.cells
@@ -542,8 +541,8 @@ def test_unknown_elements_are_left_out_of_pictures_and_that_is_said(write_post, 
     increments = plane.increments(layered_stress, (0.0,))
     model = plane.model(elements=elements)
     path, said = write_post(writer.Storage(), model, increments), []
-    series = write_vtu_series(path, tmp_path, quantities=["Displacement"], log=said.append)
-    assert len(meshio.read(written(series)[0][1]).cells[0].data) == 1
+    series = pictured(path, tmp_path, quantities=["Displacement"], log=said.append)
+    assert len(series[0][1].cells[0].data) == 1
     assert "left out: elements of unknown type 998" in said
     assert read_field(path, "Displacement").nodes.size == 6
 
@@ -568,7 +567,7 @@ def test_nodes_between_bricks_lie_where_vtk_looks_for_them(write_post, tmp_path)
     moved = writer.Quantity("Displacement", 1, 3, places)
     increments = [writer.Increment(number=0, nodal=(moved,))]
     path = write_post(writer.Storage(), model, increments)
-    mesh = meshio.read(written(write_vtu_series(path, tmp_path))[0][1])
+    mesh = pictured(path, tmp_path)[0][1]
     (cells,) = mesh.cells
     assert cells.type == "hexahedron20"
     found = mesh.points[cells.data[0]]
