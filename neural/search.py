@@ -94,7 +94,10 @@ def search_front(
             f"{evaluations} evaluations in populations of {population}, expected 4 or "
             "more in a population and one population or more"
         )
-    algorithm = _algorithm(problem, evaluations, seed, population)
+    from pymoo.algorithms.moo.nsga2 import NSGA2
+
+    algorithm = NSGA2(pop_size=population)
+    algorithm.setup(_as_pymoo(problem), termination=("n_eval", evaluations), seed=seed)
     whole = -(-evaluations // population) * population
     finished = True
     try:
@@ -178,14 +181,6 @@ def from_unit(unit: FloatArray, free: tuple[Free, ...]) -> FloatArray:
     return np.stack(columns, axis=1)
 
 
-def _algorithm(problem: FitProblem, evaluations: int, seed: int, population: int) -> Any:  # noqa: ANN401 - pymoo is untyped
-    from pymoo.algorithms.moo.nsga2 import NSGA2
-
-    algorithm = NSGA2(pop_size=population)
-    algorithm.setup(_as_pymoo(problem), termination=("n_eval", evaluations), seed=seed)
-    return algorithm
-
-
 def _as_pymoo(problem: FitProblem) -> "Problem":
     from pymoo.core.problem import Problem
 
@@ -229,21 +224,34 @@ def choose(problem: FitProblem, front: Front, rule: str = "smallest_error") -> C
     return Choice(*_TAKEN_BY[rule](problem, front), rule)
 
 
-def _smallest_error(problem: FitProblem, front: Front) -> tuple[int, str]:
+def _smallest_error(
+    problem: FitProblem, front: Front, share: float = NEAR_SHARE
+) -> tuple[int, str]:
+    """With targets, of candidates with near the smallest RMSE that with the smallest other errors.
+
+    Errors of different kinds have no common unit: their product has no weights.
+    """
     totals = total_rmse_ips(problem, front.errors_ips2)
-    if problem.targets:
-        return _of_near(problem, front, NEAR_SHARE)
-    row = int(np.argmin(totals))
+    if not problem.targets:
+        row = int(np.argmin(totals))
+        return row, (
+            f"smallest RMSE over all {problem.observed_ips.size} stimuli, "
+            f"{totals[row]:.3g} ips, of {totals.size} candidates"
+        )
+    near = np.flatnonzero(totals <= (1.0 + share) * totals.min())
+    others = np.sqrt(front.target_errors)
+    row = int(near[np.argmin(np.log(np.maximum(others[near], 1e-9)).sum(axis=1))])
+    parts = [
+        f"{target.name} {error:.3g}"
+        for target, error in zip(problem.targets, others[row], strict=True)
+    ]
     return row, (
-        f"smallest RMSE over all {problem.observed_ips.size} stimuli, "
-        f"{totals[row]:.3g} ips, of {totals.size} candidates"
+        f"smallest RMS error of {', '.join(parts)}, of the {near.size} candidates within "
+        f"{share:.0%} of the smallest RMSE of rates, {totals.min():.3g} ips"
     )
 
 
-def _balanced(problem: FitProblem, front: Front) -> tuple[int, str]:
-    if not problem.targets:
-        return _smallest_error(problem, front)
-    return _of_near(problem, front, BALANCED_SHARE)
+_balanced = partial(_smallest_error, share=BALANCED_SHARE)
 
 
 def _tolerant(problem: FitProblem, front: Front) -> tuple[int, str]:
@@ -257,25 +265,6 @@ def _tolerant(problem: FitProblem, front: Front) -> tuple[int, str]:
     return row, (
         f"smallest RMSE of rates, {totals.min():.3g} ips, of the {passing.size} candidates with "
         f"tolerable errors of {names}"
-    )
-
-
-def _of_near(problem: FitProblem, front: Front, share: float) -> tuple[int, str]:
-    """Of candidates with near the smallest RMSE the one with the smallest other errors.
-
-    Errors of different kinds have no common unit: their product has no weights.
-    """
-    totals = total_rmse_ips(problem, front.errors_ips2)
-    near = np.flatnonzero(totals <= (1.0 + share) * totals.min())
-    others = np.sqrt(front.target_errors)
-    row = int(near[np.argmin(np.log(np.maximum(others[near], 1e-9)).sum(axis=1))])
-    parts = [
-        f"{target.name} {error:.3g}"
-        for target, error in zip(problem.targets, others[row], strict=True)
-    ]
-    return row, (
-        f"smallest RMS error of {', '.join(parts)}, of the {near.size} candidates within "
-        f"{share:.0%} of the smallest RMSE of rates, {totals.min():.3g} ips"
     )
 
 

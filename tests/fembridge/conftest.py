@@ -1,13 +1,13 @@
 """What tests of pictures, sweeps, commands that are refused, and of a run that is read share."""
 
 import shutil
-from concurrent.futures import Executor, Future
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fembridge.cli import main
+from fembridge.executor import HereExecutor
 from fembridge.run_folder import AfferentNode, RunFolder
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
@@ -100,23 +100,12 @@ def check_words(words_of):
     return check
 
 
-class Here(Executor):
-    """Does each task in this process, at once; `done` are their names."""
-
-    done: tuple = ()
-
-    def __init__(self, jobs, on_message):
-        Here.done = []
-
-    def submit(self, function, task, *args, **options):
-        Here.done.append(str(task))
-        future = Future()
-        future.set_result(function(task, *args, **options))
-        return future
-
-
 @pytest.fixture
 def in_this_process(monkeypatch):
     """A sweep starts no process."""
-    monkeypatch.setattr("fembridge.sweeps.sweep.LocalExecutor", Here)
-    return Here
+
+    def made(jobs, on_message):
+        return HereExecutor(on_message)
+
+    monkeypatch.setattr("fembridge.sweeps.sweep.LocalExecutor", made)
+    return made
