@@ -212,16 +212,18 @@ def _tables(path: Path) -> Iterator[tuple[_Open | None, int, bool]]:
                 yield None, number, True
             elif TABLE in line:
                 table, at = _Open(clock.now_s * MS_PER_S, text), number
-        elif table is None or table.ended or not text or text == "NOTE":
-            if table is not None and text.startswith("TOTAL") and ended:
-                table.total = [fortran(word) for word in text.split()[1:]]
+        elif table is None or not text or text == "NOTE":
+            continue
+        elif table.columns and text.startswith("TOTAL") and ended:
+            table.ended, table.total = True, [fortran(word) for word in text.split()[1:]]
+        elif table.ended:
+            continue
         elif not table.columns:
             if text.startswith(("NODE", "ELEMENT")) and "FOOT" in text:
                 names, _, columns = text.partition("FOOT-")
                 table.labels = _LABELS.get(tuple(names.split()), ())
-                table.columns = tuple(columns.split())
                 table.ended = not table.labels  # of a kind that is not read
-                table.columns = table.columns if table.labels else ()
+                table.columns = tuple(columns.split()) if table.labels else ()
             else:
                 table.preamble += f" {text}"
         elif "ALL VALUES IN THIS TABLE ARE ZERO" in text:
@@ -234,8 +236,6 @@ def _tables(path: Path) -> Iterator[tuple[_Open | None, int, bool]]:
             table.rows.append((labels, values))
         elif text[0].isalpha():
             table.ended = True
-            if text.startswith("TOTAL"):
-                table.total = [fortran(word) for word in text.split()[1:]]
         elif not ended:
             break
         elif text != "1":  # of a page
