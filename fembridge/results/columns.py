@@ -104,10 +104,10 @@ class ColumnSource(Source):
 
     def stress(self, nodes: Sequence[int] | None) -> History:
         """Stress as the columns say, at `nodes` or all."""
-        time, at, number, values, afferents = self._parts
+        at, number, values, afferents = self._parts
         ours = self.kind == "vtk-series" and TIMES_IN_MS.encode() in self.file.peek(0, _START_BYTES)
         in_ms = "time_ms" in self.options.columns
-        to_ms = 1.0 if ours else ms_per(time, in_ms, self.options.note)
+        to_ms = 1.0 if ours else ms_per(self._time, in_ms, self.options.note)
         if nodes is not None:
             wanted = np.array(nodes, dtype=np.int64)
             rows = rows_of(wanted, number)
@@ -132,10 +132,15 @@ class ColumnSource(Source):
 
     @cached_property
     def _parts(self) -> "_Parts":
-        return {"table": self._of_table, "npz": self._of_npz}.get(self.kind, self._of_series)(
-            self._names()
-        )
+        read = {"table": self._of_table, "npz": self._of_npz}.get(self.kind, self._of_series)
+        return read(self._names)
 
+    @property
+    def _time(self) -> str:
+        """The name of the time."""
+        return self._names.get("time", self._names.get("time_ms", "time"))
+
+    @cached_property
     def _names(self) -> Mapping[str, str]:
         names, held = self.options.columns, self._held
         words = ", ".join(held.get("columns") or held["arrays"])
@@ -175,10 +180,9 @@ class ColumnSource(Source):
     # --- CSV
 
     def _of_table(self, names: Mapping[str, str]) -> "_Parts":
-        time = names.get("time", names.get("time_ms", ""))
         asked = {key: [names[key]] for key in ("node", "afferent") if key in names}
         values = [names[key] for key in VALUES if key in names]
-        asked |= {"time": [time], "value": values}
+        asked |= {"time": [self._time], "value": values}
         try:
             samples, error_of = samples_in(self.file.place, asked, named=True)
         except TableError as error:
@@ -200,7 +204,7 @@ class ColumnSource(Source):
         if "afferent" in samples:
             classes = tuple(map(str, samples["afferent"].iloc[:: counts[0]]))
         held = samples[list(range(len(values)))].to_numpy().reshape(nodes.size, counts[0], -1)
-        return _Parts(time, times[0], nodes, held.transpose(1, 0, 2), classes)
+        return _Parts(times[0], nodes, held.transpose(1, 0, 2), classes)
 
     # --- NPZ
 
@@ -217,10 +221,9 @@ class ColumnSource(Source):
 
     def _of_npz(self, names: Mapping[str, str]) -> "_Parts":
         arrays = self._npz
-        name = names.get("time", names.get("time_ms", ""))
         try:
             held = {key: arrays[one] for key, one in names.items() if key != "afferent"}
-            time = np.array(arrays[name], dtype=np.float64).reshape(-1)
+            time = np.array(arrays[self._time], dtype=np.float64).reshape(-1)
             values = _stacked(held)
             values = values[..., 0] if "value" in held else values
             values = values.reshape(time.size, -1, *values.shape[2:])
@@ -233,7 +236,7 @@ class ColumnSource(Source):
         except ValueError as error:
             raise ResultError(f"shapes do not fit: {error}", self.path) from error
         classes = tuple(map(str, arrays[names["afferent"]])) if "afferent" in names else ()
-        return _Parts(name, time, number, values, classes)
+        return _Parts(time, number, values, classes)
 
     # --- VTU, PVD, XDMF
 
@@ -252,8 +255,7 @@ class ColumnSource(Source):
             found.append(_tensors(value, self.path, self.path.suffix.lower() != ".xdmf"))
         if number is None:
             raise ResultError("no time in it", self.path)
-        name = names.get("time", names.get("time_ms", "time"))
-        return _Parts(name, np.array(times), number, np.stack(found))
+        return _Parts(np.array(times), number, np.stack(found))
 
     def _numbers(self, arrays: Arrays, count: int, names: Mapping[str, str]) -> IntArray:
         if "node" not in names:
@@ -295,9 +297,8 @@ class ColumnSource(Source):
 
 
 class _Parts(NamedTuple):
-    """The name of the time; times ``(T,)`` and nodes; values ``(T, node, component)``; classes."""
+    """Times ``(T,)`` and nodes; values ``(T, node, component)``; classes."""
 
-    time_name: str
     at: FloatArray
     nodes: IntArray
     values: FloatArray
