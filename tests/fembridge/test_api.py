@@ -45,18 +45,14 @@ def test_simulate_gives_what_the_command_writes(tmp_path):
         assert written == (tmp_path / "out" / name).read_bytes()
 
 
-@pytest.fixture(scope="module")
-def two():
-    return fb.simulate(["sine_20_250", "sine_50_250"], stored=True)
-
-
 def test_no_module_hides_a_public_function():
     """A submodule that was imported is an attribute of its package, whatever it hides."""
     for name in fb.__all__:
         assert importlib.util.find_spec(f"fembridge.{name}") is None
 
 
-def test_values_are_shown_in_a_notebook_without_their_samples(two):
+def test_values_are_shown_in_a_notebook_without_their_samples():
+    two = fb.simulate(["sine_20_250", "sine_50_250"], stored=True)
     shown = f"{two!r} {two.stimuli[0]!r} {two.traces[0][0]!r}"
     assert len(shown) < 300
     assert "sine_20_250" in shown

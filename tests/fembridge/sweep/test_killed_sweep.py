@@ -82,26 +82,6 @@ def test_a_sweep_that_is_asked_to_stop_takes_its_solvers_along(
     assert sorted(solved(ledger).values()) == [1, 1, 1]
 
 
-KILL = """
-if "\\n0.045," in deck:
-    up = os.getppid()  # not init, if it is gone, and not pytest
-    assert b"fembridge.executor" in open(f"/proc/{up}/cmdline", "rb").read()
-    os.kill(up, 9)
-"""
-
-
-@pytest.mark.slow
-def test_a_task_that_kills_its_worker_every_time_fails_alone(
-    dermis_study, tmp_path, monkeypatch, recorded_ccx
-):
-    text = recorded_ccx.read_text()
-    recorded_ccx.write_text(text.replace('note("begin")\n', f'note("begin")\n{KILL}'))
-    sweep = run_sweep(dermis_study(3), tmp_path / "out")
-    [failed] = sweep.failed
-    assert "its process died 2 times, the last time with exit code -9" in (sweep.causes[failed.key])
-    assert sum(row["status"] == "done" for row in table_of(tmp_path / "out")) == 6
-
-
 @pytest.mark.slow
 def test_two_sweeps_on_one_folder_share_the_work(
     dermis_study, tmp_path, ledger, gate, start_sweep, wait_until
