@@ -181,9 +181,6 @@ class Response(_Keyed):
             return self.solver == STORED or bool(self.read(folder))
         return False
 
-    def __str__(self) -> str:
-        return f"response {self.label}"
-
 
 @dataclass(frozen=True, eq=False)
 class Item(_Keyed):
