@@ -20,7 +20,6 @@ import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -336,7 +335,7 @@ def _plain_table(path: Path, asked: Mapping[str, Sequence[str]]) -> "TextTable |
         return None
     if cells.shape[1] != len(header) or not len(cells):
         return None
-    return TextTable(path, "", tuple(header), cells, np.arange(1, len(cells) + 1))
+    return TextTable(path, tuple(header), cells, np.arange(len(cells)) + 2)
 
 
 def _origin_file(path: Path) -> Path:
@@ -451,23 +450,22 @@ class TextTable:
 
     `header` has the names of the columns, `cells` their text by number of column,
     without blanks around it, or numbers and categories where they came as such, and
-    `records` ``(row,)`` which record of `text` each row is; the header is record 0.
+    `lines` ``(row,)`` the line of the file on which each row ends.
     """
 
     path: Path
-    text: str
     header: tuple[str, ...]
     cells: "pd.DataFrame"
-    records: IntArray
+    lines: IntArray
 
     @property
     def size(self) -> int:
         """Number of rows."""
-        return self.records.size
+        return self.lines.size
 
     def where(self, mask: BoolArray) -> "TextTable":
         """The rows of `mask` ``(row,)`` alone."""
-        return replace(self, cells=self.cells[mask], records=self.records[mask])
+        return replace(self, cells=self.cells[mask], lines=self.lines[mask])
 
     def column(self, name: str) -> NDArray[Any]:
         """Text of the cells of a column ``(row,)``, or its categories."""
@@ -522,7 +520,8 @@ class TextTable:
 
         def problem(row: int) -> str:
             first = int((keys == keys.iloc[row]).all(axis=1).to_numpy().argmax())
-            return f"duplicate of line {self.line(first)}: {', '.join(map(str, keys.iloc[row]))}"
+            same = ", ".join(map(str, keys.iloc[row]))
+            return f"duplicate of line {self.lines[first]}: {same}"
 
         self.refuse(keys.duplicated().to_numpy(), problem)
 
@@ -534,16 +533,7 @@ class TextTable:
 
     def error(self, row: int, problem: str) -> TableError:
         """The error that names the line of `row`."""
-        return TableError(problem, self.path, self.line(row))
-
-    def line(self, row: int) -> int:
-        """Line of the file on which `row` ends."""
-        record = int(self.records[row])
-        if '"' not in self.text:
-            return record + 1
-        reader = csv.reader(io.StringIO(self.text, newline=""))
-        next(islice(reader, record, None))
-        return reader.line_num
+        return TableError(problem, self.path, int(self.lines[row]))
 
 
 def read_table(source: "Path | pd.DataFrame", columns: Sequence[str] = ()) -> TextTable:
@@ -565,7 +555,7 @@ def read_table(source: "Path | pd.DataFrame", columns: Sequence[str] = ()) -> Te
         cells = source.set_axis(range(len(header)), axis=1)
         words = cells.select_dtypes(exclude="number")
         cells[words.columns] = words.astype(object).where(words.notna(), "").map(str)
-        return TextTable(path, "", header, cells, np.arange(len(cells)))
+        return TextTable(path, header, cells, np.arange(len(cells)) + 1)
     path, text = source, _decoded(source)
     try:
         above = text[: len(text) - len(_COMMENTS.sub("", text, count=1))]
@@ -587,8 +577,12 @@ def read_table(source: "Path | pd.DataFrame", columns: Sequence[str] = ()) -> Te
     except (csv.Error, pd.errors.ParserError) as error:
         raise _not_csv(text, path, error) from error
     cells = cells.apply(lambda column: column.str.strip())
-    records = np.flatnonzero((cells != "").any(axis=1))[1:]  # without blank rows
-    return TextTable(path, text, header, cells.iloc[records], records)
+    lines = np.arange(len(cells)) + 1
+    if '"' in text:  # a cell may have several
+        rows = csv.reader(io.StringIO(text, newline=""))
+        lines = np.array([rows.line_num for _ in rows])
+    filled = np.flatnonzero((cells != "").any(axis=1))[1:]
+    return TextTable(path, header, cells.iloc[filled], lines[filled])
 
 
 def header_in(text: str) -> tuple[list[str], str, str]:
@@ -652,7 +646,7 @@ def _others_table(path: Path) -> TextTable | None:
     except ValueError as error:
         raise TableError(f"no table: {str(error)[:120]}", path) from error
     above = text[: len(text) - len(rest)].count("\n")
-    return replace(table, path=path, records=table.records + above)
+    return replace(table, path=path, lines=table.lines + above)
 
 
 def _decoded(path: Path, errors: str = "strict") -> str:
