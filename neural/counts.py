@@ -106,7 +106,7 @@ def candidate_counts(
         limits = (0.0 if one else -np.inf for one in (membrane.clamped, membrane.until_turn))
         threshold = np.asarray(membrane.threshold)
         given = (
-            (np.abs(drives_of) if saturates else np.stack(drives_of)).astype(kind),
+            np.ascontiguousarray(np.abs(drives_of) if saturates else drives_of, dtype=kind),
             np.stack([*own, alpha, decay, jump, decay_of_jump]),
             (kind(threshold), *map(kind, limits)),
             int(np.asarray(membrane.refractory)),
@@ -116,7 +116,8 @@ def candidate_counts(
         longest_first = np.argsort(-end, kind="stable")
         threads = _threads()
         with ThreadPoolExecutor(threads) as pool:
-            shares = [longest_first[n::threads] for n in range(threads)]
+            # Of one layout: another would be compiled anew, some seconds each.
+            shares = [np.ascontiguousarray(longest_first[n::threads]) for n in range(threads)]
             list(pool.map(lambda share: step(share, *given, counts), shares))
         if counts.min(initial=0) < 0:
             raise TraceError(_NOT_FINITE)

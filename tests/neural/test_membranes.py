@@ -244,3 +244,15 @@ def test_a_current_that_is_not_finite_is_refused(kernel, bad):
         candidate_counts([current], LINEAR, membrane(20.0))
     with pytest.raises(TraceError):
         fired_rows(current[:, 1], 20.0)
+
+
+def test_every_layout_of_drives_is_one_machine_code(kernel):
+    if kernel != "compiled":
+        pytest.skip("nothing is compiled")
+    step, rows = counting.compiled(), np.ones((20, 4))
+    before = set(step.signatures)
+    for drive in (rows, np.asfortranarray(rows), np.repeat(rows, 2, axis=1)[:, ::2]):
+        for halves in (None, (1.0,)):
+            coefficients = Coefficients(1.0, halves=halves) if halves else LINEAR
+            candidate_counts([drive, drive] if halves else [drive], coefficients, membrane(20.0))
+    assert len(set(step.signatures) - before) <= 1
