@@ -77,7 +77,7 @@ def rebase_marc(data: bytes, motion: Motion, request: Request) -> Rebased:
     own.put_points(units.length_mm)
     own.put_increments()
     own.put_output(request.results)
-    places, axes = {}, 3 if sides[2:].any() else 2
+    places, axes = {}, 3 if sides[2:3].any() else 2
     for name, node in request.afferents.items():
         place = mesh.of(node)
         if place is None or len(place) < 2:

@@ -215,14 +215,24 @@ class ColumnSource(Source):
                 if sum(one.file_size for one in held.infolist()) > _MOST_BYTES:
                     raise ResultError(f"unpacks to more than {_MOST_BYTES} bytes", self.path)
             with np.load(self.path, allow_pickle=False) as arrays:
-                return dict(arrays)
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+                found = dict(arrays)
+        except (FembridgeError, MemoryError):
+            raise
+        except Exception as error:  # whatever zipfile, zlib and NumPy do of damage
             raise ResultError(f"no NPZ of numbers: {str(error)[:120]}", self.path) from error
+        for name, one in found.items():
+            if not isinstance(one, np.ndarray):  # NumPy gives the bytes of what is no array
+                raise ResultError(f"no NPZ of numbers: {name} is no array", self.path)
+        return found
 
     def _of_npz(self, names: Mapping[str, str]) -> "_Parts":
         arrays = self._npz
+        held = {key: arrays[one] for key, one in names.items() if key != "afferent"}
+        for key, one in held.items():
+            if not np.can_cast(one.dtype, np.float64, "same_kind"):
+                words = f"{names[key]} is of type {one.dtype}, expected real numbers"
+                raise ResultError(words, self.path)
         try:
-            held = {key: arrays[one] for key, one in names.items() if key != "afferent"}
             time = np.array(arrays[self._time], dtype=np.float64).reshape(-1)
             values = _stacked(held)
             values = values[..., 0] if "value" in held else values

@@ -159,6 +159,16 @@ def ours(request):
     return marc_deck(ANALYSIS, DeckOptions(probe=request.param)).encode("ascii"), request.param
 
 
+def test_a_flat_mesh_of_six_coordinates_a_node_has_its_afferents_in_the_plane(marc_text):
+    deck = marc_text(layout="free")
+    lines = [line.replace("3, 6, 0, 1,", "6, 6, 0, 1,") for line in deck.mesh()]
+    lines = [line + f" {k}.0, 0.0, 0.0," * line.endswith(" 0.0,") for k, line in enumerate(lines)]
+    data = deck.text(mesh=lines)
+    assert read_marc_deck(data).coordinates.position.shape == (6, 6)
+    places = rebase_marc(data, MOTION, Request(afferents={"SA": 5})).place_mm
+    assert places == {"SA": (1.0, -1.0)}
+
+
 def data_of(deck):
     """Its lines but for comments, which may name the stimulus."""
     return [line for line in deck.splitlines() if not line.startswith(b"$")]

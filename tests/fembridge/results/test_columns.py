@@ -3,6 +3,7 @@
 import gzip
 import itertools
 import zipfile
+from contextlib import suppress
 
 import meshio
 import numpy as np
@@ -205,6 +206,23 @@ def test_an_npz_that_unpacks_to_more_than_the_bound_is_refused(tmp_path, monkeyp
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as out:
         out.writestr("S.npy", bytes(2 << 20))
     with pytest.raises(ResultError, match="unpacks to more than"):
+        read(path, [1], columns={"time": "t", "value": "S"})
+
+
+def test_an_npz_that_is_damaged_or_holds_no_real_numbers_is_refused(tmp_path):
+    path = tmp_path / "them.npz"
+    np.savez_compressed(path, t=TIMES_S, S=STRESS_MPA)
+    whole = path.read_bytes()
+    for place in range(0, len(whole), 5):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :])
+        with suppress(ResultError):
+            read(path, [1], columns={"time": "t", "value": "S"})
+    with zipfile.ZipFile(path, "w") as out:
+        out.writestr("S.npy", bytes(100))
+    with pytest.raises(ResultError, match="S is no array"):
+        read(path, [1], columns={"time": "t", "value": "S"})
+    np.savez(path, t=TIMES_S, S=STRESS_MPA * 1j)
+    with pytest.raises(ResultError, match="S is of type complex128, expected real numbers"):
         read(path, [1], columns={"time": "t", "value": "S"})
 
 
