@@ -237,7 +237,8 @@ def test_what_is_neither_a_preset_nor_a_file_is_refused(name):
         read_finger(name)
 
 
-scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
+words = st.text('am_."\\\n é€😀', max_size=8)  # not all of Unicode, whose table takes seconds
+scalars = st.none() | st.booleans() | st.integers() | st.floats() | words
 KEYS = """
     name base skin ridges bone materials afferents resolution dermis SA layer
     epidermis_mm poisson young_mpa depth_mm far_mm dermis_rows start_deg
@@ -249,7 +250,7 @@ tables = st.recursive(
 
 
 @settings(settings.get_profile("costly"))
-@given(st.dictionaries(keys | st.text(max_size=5), tables, max_size=4))
+@given(st.dictionaries(keys | words, tables, max_size=4))
 def test_any_table_is_a_finger_or_a_finger_error(table):
     try:
         assert isinstance(finger_from(table, "any"), Finger)
