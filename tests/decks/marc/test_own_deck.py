@@ -132,6 +132,34 @@ def test_what_a_deck_has_too_little_of_is_put_in_and_no_more(marc_text):
     assert read_marc_deck(rebased(output=["no print"])).post().codes == (17, 311)
 
 
+@pytest.mark.parametrize(("version", "numbers"), [(11, 3), (14, 5)])
+def test_automatic_steps_become_fixed_ones_of_as_many_numbers_as_the_version_has(
+    marc_text, version, numbers
+):
+    deck = marc_text(version=version, stepping="auto step")
+    cases = list(deck.case())
+    step = deck.row(*[3, 0, 10, 0, 0][:numbers])
+    for name in ("auto step", "AUTO STEP"):
+        data = deck.text(cases=[name if line == "auto step" else line for line in cases])
+        lines = rebase_marc(data, MOTION, Request()).deck.decode().splitlines()
+        head, count, time = ("auto load", step, "time step")
+        head, time = (head.upper(), time.upper()) if name.isupper() else (head, time)
+        at = lines.index(head)
+        assert lines[at + 1 : at + 3] == [count, time]
+
+
+def test_load_cases_behind_keep_their_control_and_ones_before_may_not_move_the_probe(marc_text):
+    deck = marc_text(drive="disp")
+    (case, later), most = (list(deck.case(one, most=2)) for one in ("press", "on")), deck.row(99999)
+    new = rebase_marc(deck.text(cases=[*case, *later]), MOTION, Request(step="press")).deck
+    assert new.decode().count(f"control\n{most}") == 1
+    push = deck.fixed("push", 1.0, 0)
+    before = [deck.head("loadcase", "before"), deck.row(1), "push", *case[case.index("control") :]]
+    data = deck.text(conditions=[*deck.conditions(), *push], cases=[*before, *case])
+    with pytest.raises(DeckError, match="'push' moves 'held_nodes' in a load case before"):
+        rebase_marc(data, MOTION, Request())
+
+
 @given(data=st.data())
 def test_a_mutated_deck_is_refused_or_taken(marc_text, data):
     text = bytearray(marc_text(**data.draw(decks)).text())

@@ -188,3 +188,9 @@ def test_a_text_that_is_cut_in_its_last_number_says_so(file):
     said.clear()
     read(path, [2], ReadOptions(log=said.append))
     assert said == []
+
+
+def test_rows_of_more_numbers_right_behind_a_table_are_refused(text):
+    path = text(" 0 0\n 1 2\n 2 5\n 3 1 4 7\n 4 2 5 8\n")
+    with pytest.raises(ResultError, match=r"plot\.txt:4: no row of 2 numbers"):
+        read(path, [12])
