@@ -317,16 +317,17 @@ def _plain_table(path: Path, asked: Mapping[str, Sequence[str]]) -> "TextTable |
         found = _found(header, asked, path)
         for key in found.keys() - set(_WHOSE[:3]):
             kinds[header.index(found[key])] = np.int64 if key == "node" else np.float64
-        cells = pd.read_csv(
-            path,
-            header=None,
-            skiprows=1,
-            dtype=kinds,
-            na_filter=False,
-            skip_blank_lines=False,
-            quoting=csv.QUOTE_NONE,
-            **exact,
-        )
+        with np.errstate(invalid="ignore"):  # a node past all whole numbers
+            cells = pd.read_csv(
+                path,
+                header=None,
+                skiprows=1,
+                dtype=kinds,
+                na_filter=False,
+                skip_blank_lines=False,
+                quoting=csv.QUOTE_NONE,
+                **exact,
+            )
     except (OSError, ValueError, OverflowError, TypeError, TableError):
         return None  # the other way says what is wrong, and where
     texts = [cells[header.index(found[key])] for key in _WHOSE[:3] if key in found]

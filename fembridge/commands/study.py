@@ -135,8 +135,8 @@ def _cases_from(args: argparse.Namespace, observed: "ObservedRates") -> "tuple[C
             MODELS[name][afferent].cells if args.cells is None else args.cells,
             depth_um,
         )
-        for name in map(checked_model, args.drive)
-        for depth_um in args.preindent_um or (0.0,)
+        for name in dict.fromkeys(map(checked_model, args.drive))
+        for depth_um in dict.fromkeys(args.preindent_um or (0.0,))
         for afferent in observed.afferents
         if afferent in MODELS[name]
     )

@@ -109,7 +109,7 @@ def study_models(
     jobs: int = 1,
     on_case: Callable[[pd.DataFrame], None] = lambda trials: None,
 ) -> ModelStudy:
-    """Fit and cross-validate every case; `jobs` processes share them.
+    """Fit and cross-validate every case, once; `jobs` processes share them.
 
     `on_case` is called with the trials of each. An interrupt from the keyboard keeps those
     that are finished.
@@ -124,6 +124,7 @@ def study_models(
             f"{len(cases)} cases, seeds {list(seeds)} and {jobs} jobs, expected one of each "
             "or more, and no seed below 0"
         )
+    cases = tuple(dict.fromkeys(cases))
     trials_of = partial(_trials_of, observed, response, tuple(seeds), evaluations)
     found: dict[Case, pd.DataFrame] = {}
     try:

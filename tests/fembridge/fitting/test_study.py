@@ -39,10 +39,11 @@ def table(tmp_path_factory):
 @pytest.fixture(scope="module")
 def made(table):
     response = stored_source("quick").response
-    return study_models(read_observed(table), response, CASES, **SHORT)
+    return study_models(read_observed(table), response, [*CASES, CASES[0]], **SHORT)
 
 
 def test_each_case_has_a_trial_a_seed_and_the_best_comes_first(made):
+    assert made.finished, "a case that is named twice is one"
     trials = made.trials
     assert trials["drive"].tolist() == ["published", "published", "rising", "rising"]
     assert trials["seed"].tolist() == [1, 2, 1, 2]
