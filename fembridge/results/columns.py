@@ -105,6 +105,9 @@ class ColumnSource(Source):
     def stress(self, nodes: Sequence[int] | None) -> History:
         """Stress as the columns say, at `nodes` or all."""
         at, number, values, afferents = self._parts
+        if not np.isfinite(at).all():
+            row = int(np.argmin(np.isfinite(at)))
+            raise ResultError(f"the time of sample {row + 1} is no number", self.path)
         ours = self.kind == "vtk-series" and TIMES_IN_MS.encode() in self.file.peek(0, _START_BYTES)
         in_ms = "time_ms" in self.options.columns
         to_ms = 1.0 if ours else ms_per(self._time, in_ms, self.options.note)
