@@ -304,7 +304,7 @@ def test_output_that_nobody_reads_ends_quietly(words, unbuffered):
 def test_a_folder_that_was_deleted_is_named_in_one_line(tmp_path):
     gone = tmp_path / "gone"
     gone.mkdir()
-    remove = f"{sys.executable} -c 'import os; os.rmdir(os.getcwd())'"  # a shell may be all there is
+    remove = f"{sys.executable} -c 'import os; os.rmdir(os.getcwd())'"
     before = f'cd "{gone}" && {remove} &&'
     ran = in_a_shell("stimuli --export csv sine_20_250", before)
     assert ran.returncode == 1, ran.stderr
