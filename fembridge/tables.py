@@ -204,6 +204,8 @@ def read_traces(
 def _to_pa(value: str, gain_pa: float | None) -> float:
     """What 1 in the column `value` is in Pa."""
     if gain_pa is not None:
+        if not (math.isfinite(gain_pa) and gain_pa):
+            raise UsageError(f"gain_pa is {gain_pa:g}, expected how many Pa a value of 1 is")
         return gain_pa
     factor = pa_per(value)
     if factor is None:
@@ -521,7 +523,7 @@ class TextTable:
 
         def problem(row: int) -> str:
             first = int((keys == keys.iloc[row]).all(axis=1).to_numpy().argmax())
-            same = ", ".join(map(str, keys.iloc[row]))
+            same = ", ".join(filter(None, map(str, keys.iloc[row])))
             return f"duplicate of line {self.lines[first]}: {same}"
 
         self.refuse(keys.duplicated().to_numpy(), problem)

@@ -139,7 +139,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     unit = "N/mm" if result.solved.nodes.pad.plane else "N"
     print(f"{result.way.name}: up to {depth_um:.0f} um, {force_n:.3g} {unit}")
     return {
-        **written(args.output, names, EXPORTED),
+        **written(args.output, names, ["touch.gif", *EXPORTED]),
         "way": result.way.name,
         "note": note or "",
         "depth_um": depth_um,

@@ -197,6 +197,7 @@ def test_a_sensor_of_a_robot_is_a_table_too(here, capsys):
 
     assert main(["encode", *words, "--gain-pa", "2e4", "--afferent", "SA", "RA"]) == 0
     assert main(["encode", *words, "--gain-pa", "2e4"]) == 2
+    assert main(["encode", *words, "--gain-pa", "0", "--afferent", "SA"]) == 2
     assert main(["encode", *words, "--afferent", "SA"]) == 2
 
     error = capsys.readouterr().err
