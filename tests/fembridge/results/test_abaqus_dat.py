@@ -125,6 +125,17 @@ def test_our_deck_s_run_folder_gives_the_afferents_by_their_own_elements(here):
     assert (len(rows), found) == (60, ["PROBE", "0.75", "N"])
 
 
+def test_a_total_that_is_cut_is_no_number(dat, here):
+    name = "FOR NODES BELONGING TO NODE SET PROBE"
+    force = table(name, "NODE ", ["RF2"], [((3,), (0.5,))], tail="\n TOTAL   0.7500\n")
+    parts = [increment(k, 0.0005, [force]) for k in (1, 2)]
+    path = dat(*parts, end="")
+    path.write_text(path.read_text().rstrip().removesuffix("500"))
+    words = ["ingest", str(path), "--partial", "--quantity", "total forces", "-o", "f.csv"]
+    assert main(words) == 0
+    assert [row.split(",")[0] for row in (here / "f.csv").read_text().splitlines()[1:]] == ["0.5"]
+
+
 def test_integration_points_with_footnotes_wrapped_names_and_zeros(dat):
     name = "AT THE INTEGRATION POINTS FOR ELEMENT TYPE CPE4 AND ELEMENT\n     SET A-VERY-LONG-NAME"
     columns = ["S11", "S22", "S33", "S12", "MISES"]
