@@ -243,7 +243,7 @@ class ColumnSource(Source):
             if values.ndim == 2:
                 values = values[:, :, None]
             values = _tensors(values, self.path)
-            number = np.array(held.get("node", np.arange(values.shape[1]) + 1), dtype=np.int64)
+            number = _whole(held.get("node", np.arange(values.shape[1]) + 1), self.path)
             if number.shape != values.shape[1:2]:
                 raise ValueError(f"{number.shape} nodes for values {values.shape}")
         except ValueError as error:
@@ -273,8 +273,7 @@ class ColumnSource(Source):
     def _numbers(self, arrays: Arrays, count: int, names: Mapping[str, str]) -> IntArray:
         if "node" not in names:
             return np.arange(1, count + 1)
-        numbers: IntArray = np.asarray(arrays[names["node"]]).reshape(-1).astype(np.int64)
-        return numbers
+        return _whole(np.reshape(arrays[names["node"]], -1), self.path)
 
     def _series(self) -> tuple[FloatArray, int, Frames]:
         """Points ``(P, 3)``, the count of outputs, and of each time and point arrays."""
@@ -316,6 +315,14 @@ class _Parts(NamedTuple):
     nodes: IntArray
     values: FloatArray
     afferents: tuple[str, ...] = ()
+
+
+def _whole(numbers: Any, path: Path) -> IntArray:  # noqa: ANN401 - an array of any kind
+    """Numbers of nodes, which some programs write as reals."""
+    found = np.asarray(numbers, dtype=np.float64)
+    if not (whole := found % 1 == 0).all():
+        raise ResultError(f"node {found.flat[np.argmin(whole)]:g}, expected whole numbers", path)
+    return found.astype(np.int64)
 
 
 def _stacked(held: Mapping[str, Any]) -> FloatArray:

@@ -227,6 +227,9 @@ def test_an_npz_that_is_damaged_or_holds_no_real_numbers_is_refused(tmp_path):
     np.savez(path, t=np.where(TIMES_S > 0, TIMES_S, np.nan), S=STRESS_MPA)
     with pytest.raises(ResultError, match="the time of sample 1 is no number"):
         read(path, [1], columns={"time": "t", "value": "S"})
+    np.savez(path, t=TIMES_S, S=STRESS_MPA, nodes=[1.5])
+    with pytest.raises(ResultError, match=r"node 1\.5, expected whole numbers"):
+        read(path, [1], columns={"time": "t", "value": "S", "node": "nodes"})
 
 
 @pytest.mark.parametrize("suffix", [".pvd", ".vtu", ".xdmf"])
