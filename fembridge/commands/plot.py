@@ -244,7 +244,8 @@ def _trace(args: argparse.Namespace) -> "Drawn":
     written = stimuli_in(path.parent)
     there = list(dict.fromkeys(trace.stimulus for trace in traces if trace.stimulus))
     if there and args.stimulus not in there and (args.stimulus or len(there) > 1):
-        found = f"has {there[0]}" + (f" to {there[-1]}, {len(there)} stimuli" if there[1:] else "")
+        several = f"{len(there)} stimuli, {there[0]} to {there[-1]}"
+        found = f"has {several if there[1:] else there[0]}"
         raise UsageError(f"{path}: {found}; name one of them: --stimulus ID")
     name = args.stimulus
     if name is None and written.stimuli:
