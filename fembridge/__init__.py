@@ -34,7 +34,7 @@ if TYPE_CHECKING:
         thresholds,
         validate,
     )
-    from fembridge.errors import FembridgeError
+    from fembridge.errors import FembridgeError, FembridgeWarning
     from fembridge.evidence import touchsim_rates as touchsim_rates
     from fembridge.observed import read_observed as read_observed
     from fembridge.recording import Recording as Recording
@@ -69,6 +69,7 @@ __all__ = [  # noqa: RUF022 - the main job first, then from deck to spikes, then
     "Finger",
     "Probe",
     "FembridgeError",
+    "FembridgeWarning",
 ]
 
 _HOMES = {
@@ -88,7 +89,7 @@ _HOMES = {
         ("fembridge.response.response_map", "ResponseMap"),
         ("fembridge.observed", "read_observed"),
         ("fembridge.evidence", "touchsim_rates"),
-        ("fembridge.errors", "FembridgeError"),
+        ("fembridge.errors", "FembridgeError FembridgeWarning"),
         ("decks.finger", "Finger"),
         ("decks.probe", "Probe"),
         ("decks.stimuli", "resolve"),

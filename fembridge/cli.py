@@ -5,7 +5,8 @@ two functions: ``add_arguments(parser)`` and ``run(args) -> summary``. Only the
 verb that was asked for is imported, so ``fembridge --help`` costs next to nothing.
 
 What a verb prints is for people. A summary is a dict; ``--json`` prints it alone, as
-strict JSON, where a number that is not finite becomes null, with its ``exit_code``. A
+strict JSON, where a number that is not finite becomes null, with its ``warnings`` and its
+``exit_code``. A
 verb that did its work and found that not all is well says so by an ``exit_code`` of its
 own. An error is a line on stderr, and with ``--json`` also ``{"error": {"kind",
 "message"}, "exit_code"}``.
@@ -20,8 +21,9 @@ import errno
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
-from contextlib import nullcontext, redirect_stderr, redirect_stdout
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout
 from importlib import import_module
 from io import StringIO, TextIOWrapper
 from pathlib import Path
@@ -29,8 +31,8 @@ from types import ModuleType
 from typing import Any, NoReturn
 
 from fembridge.commands.options import Words, invalid_choice
-from fembridge.errors import FembridgeError, UsageError
-from fembridge.terminal import INTERRUPTED, PlainStream, PrintError, error_line
+from fembridge.errors import FembridgeError, FembridgeWarning, UsageError
+from fembridge.terminal import INTERRUPTED, PlainStream, PrintError, error_line, log
 from fembridge.version import __version__
 
 VERBS = {
@@ -108,7 +110,10 @@ def _run(words: list[str]) -> int:
         gone = "the folder in which this was started is gone: go to another one (cd)"
         return _refused(error, 1, as_json, gone)
     try:
-        with redirect_stdout(StringIO()) if args.json else nullcontext():
+        with (
+            redirect_stdout(StringIO()) if args.json else nullcontext(),
+            _printed_warnings() as warned,
+        ):
             summary = command.run(args)
     except KeyboardInterrupt as error:
         return _refused(error, INTERRUPTED, as_json, "interrupted")
@@ -121,8 +126,27 @@ def _run(words: list[str]) -> int:
         return _refused(error, _code_of(error, words), as_json, _in_options(error, parser))
     code = int(summary.get("exit_code", 0))
     if args.json:
-        _print_json({**summary, "exit_code": code})
+        _print_json({**summary, "warnings": warned, "exit_code": code})
     return code
+
+
+@contextmanager
+def _printed_warnings() -> Iterator[list[str]]:
+    """Print each different `FembridgeWarning` as one line on stderr; the texts so far."""
+    texts: list[str] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", FembridgeWarning)
+        show_other = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *place: Any) -> None:  # noqa: ANN401
+            if not issubclass(category, FembridgeWarning):
+                show_other(message, category, *place)
+            elif (text := str(message)) not in texts:
+                texts.append(text)
+                log(f"warning: {text}")
+
+        warnings.showwarning = show  # type: ignore[assignment] # catch_warnings puts it back
+        yield texts
 
 
 def _refused(error: BaseException, code: int, as_json: bool, words: str = "") -> int:

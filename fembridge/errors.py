@@ -15,6 +15,8 @@ FembridgeError
 └── OutputError      a place where results cannot be written
     └── LockedError      a folder in which another process is at work
 
+FembridgeWarning     a result that is doubtful, by Python's ``warnings``
+
 A message says what was found, what was expected and where. Errors pickle, so
 that a worker can raise them and its parent report them.
 """
@@ -28,6 +30,10 @@ class FembridgeError(Exception):
     """Base of every error that fembridge raises on purpose."""
 
     exit_code = 1
+
+
+class FembridgeWarning(UserWarning):
+    """A result that is doubtful; a command prints it as a line on stderr."""
 
 
 class UsageError(FembridgeError):

@@ -28,7 +28,13 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, get_args, get_origin
 
-from fembridge.errors import FembridgeError, LockedError, OutputError, ResponseError
+from fembridge.errors import (
+    FembridgeError,
+    FembridgeWarning,
+    LockedError,
+    OutputError,
+    ResponseError,
+)
 from fembridge.typing import Table
 
 if TYPE_CHECKING:
@@ -277,6 +283,7 @@ def folder_lock(folder: Path, name: str, *, wait: bool = True) -> Iterator[None]
         warnings.warn(
             f"no file locks here ({error.strerror}): two that work in one folder at a time "
             "do not notice each other",
+            FembridgeWarning,
             stacklevel=3,
         )
     try:

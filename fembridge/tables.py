@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from decks.unit_system import UNIT_SYSTEMS
 from fembridge.errors import TableError, TraceError, UsageError
+from fembridge.number import parse_number
 from fembridge.store import (
     read_bytes,
     read_toml,
@@ -698,8 +699,8 @@ def _not_csv(text: str, path: Path, problem: ValueError | csv.Error) -> TableErr
 
 
 def _number(cell: str) -> float:
-    """What a cell says; NaN where that is no number, or has digit groups."""
+    """The number in a cell; NaN where it is none."""
     try:
-        return math.nan if "_" in cell else float(cell)
+        return parse_number(cell)
     except ValueError:
         return math.nan

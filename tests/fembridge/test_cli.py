@@ -5,6 +5,7 @@ import os
 import pickle
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,7 +14,13 @@ import pytest
 
 import fembridge
 from fembridge import cli, errors
-from fembridge.errors import FembridgeError, ResultError, StimulusError, UsageError
+from fembridge.errors import (
+    FembridgeError,
+    FembridgeWarning,
+    ResultError,
+    StimulusError,
+    UsageError,
+)
 
 ROOT = Path(fembridge.__file__).parents[1]
 
@@ -248,14 +255,27 @@ def test_json_is_alone_and_strict_whatever_the_summary_holds(verb, capsys):
 
     out = json.loads(capsys.readouterr().out, parse_constant=no_constant)
     strict = {"rate_ips": None, "peak": None, "counts": [1, 2], "files": ["a.csv"], "3": True}
-    assert out == strict | {"exit_code": 0}
+    assert out == strict | {"warnings": [], "exit_code": 0}
 
 
 def test_a_summary_can_say_that_not_all_is_well(verb, capsys):
     verb(lambda args: {"exit_code": 1})
     assert cli.main(["try"]) == 1
     assert cli.main(["try", "--json"]) == 1
-    assert json.loads(capsys.readouterr().out) == {"exit_code": 1}
+    assert json.loads(capsys.readouterr().out) == {"warnings": [], "exit_code": 1}
+
+
+def test_a_warning_is_a_line_on_stderr_once_and_part_of_the_summary(verb, capsys):
+    def warn(args):
+        for text in ("edge", "edge", "deep"):
+            warnings.warn(text, FembridgeWarning, stacklevel=1)
+        return {}
+
+    verb(warn)
+    assert cli.main(["try", "--json"]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == "warning: edge\nwarning: deep\n"
+    assert json.loads(printed.out)["warnings"] == ["edge", "deep"]
 
 
 def test_options_are_not_guessed_from_their_beginnings(capsys):
