@@ -10,8 +10,8 @@ command: programs that import `fembridge` keep their own handling of signals. So
 imported here.
 """
 
+import _signal as signal  # type: ignore[import-not-found] # without enumerations, in no time
 import os
-import signal
 import sys
 
 TYPE_CHECKING = False  # `typing` takes longer to import than all of this

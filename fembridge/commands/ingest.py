@@ -239,7 +239,7 @@ def _run(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
             return _deck(args, path)
     kind = _kind(args, result)
     check_uses(args, _uses(kind, suffix))
-    foreign = kind == "traces" and result.run is None
+    foreign = kind == "traces" and (result.run is None or not result.run.afferents)
     if kind == "list" or (foreign and _nothing_chosen(args, result)):
         held = result.source.describe()
         ways = [] if kind == "list" else _ways(args, result)
@@ -422,7 +422,7 @@ def _one_quantity(args: argparse.Namespace, path: Path) -> str | None:
 
 
 def _nothing_chosen(args: argparse.Namespace, result: "Result") -> bool:
-    """Whether a foreign file was named and no nodes: it is listed then."""
+    """Whether neither the user nor a run names nodes: the file is listed then."""
     from fembridge.errors import UsageError
 
     if args.node or args.sets or args.near or result.named_nodes():
@@ -431,7 +431,8 @@ def _nothing_chosen(args: argparse.Namespace, result: "Result") -> bool:
     if args.afferents:
         wants = "--afferents needs one"
     if args.given & _OF_NODES:
-        raise UsageError(f"{result.source.path}: no run.toml beside it; {wants}")
+        lacks = "no run.toml beside it" if result.run is None else "its run.toml has no afferents"
+        raise UsageError(f"{result.source.path}: {lacks}; {wants}")
     return True
 
 
