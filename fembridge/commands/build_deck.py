@@ -10,6 +10,7 @@ unchanged to the byte but for the waveform, the increments and the output.
 """
 
 import argparse
+import re
 from typing import Any
 
 from decks.dialects import DIALECTS, INCREMENTS, PROBES, RESULTS
@@ -185,7 +186,7 @@ def _afferent(word: str) -> tuple[str, int]:
     from fembridge.tables import AFFERENTS
 
     name, equals, node = word.partition("=")
-    if not name or not equals:
+    if not name or not equals or not re.fullmatch("[0-9]+", node):
         raise argparse.ArgumentTypeError(f"expected NAME=NODE, got {word!r}")
     if name not in AFFERENTS:  # `fembridge encode` would refuse its trace
         raise argparse.ArgumentTypeError(

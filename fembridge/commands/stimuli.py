@@ -171,12 +171,9 @@ def _made(args: argparse.Namespace, words: "Sequence[str | Path]") -> "list[Stim
 
 
 def _export(args: argparse.Namespace) -> dict[str, Any]:
-    from fembridge.errors import UsageError
     from fembridge.stimulus_file import write_stimulus
 
     made = _made(args, args.ids)
-    if args.seed is not None and not any("seed" in one.origin for one in made):
-        raise UsageError("--seed is for noise, and no noise was named")
     # All files of one export share their scale: a sound card plays them as loud as they are.
     peak_um = max(float(abs(one.displacement_um).max()) for one in made)
     files = []

@@ -123,7 +123,7 @@ def test_preindentation_and_seed_reach_the_file_and_the_summary(tmp_path, capsys
         (["--export", "csv", "sine_20_25o"], "did you mean"),
         (["sine_20", "-o", "x"], "--output is for --export"),
         (["--seed", "1"], "--seed is for --export"),
-        (["--export", "csv", "sine_20_250", "--seed", "1"], "no noise was named"),
+        (["--export", "csv", "sine_20_250", "--seed", "1"], "--seed (seed=) is for noise"),
         (["--export", "csv", "sine_20_250", "--dt-ms", "3"], "--dt-ms is for a waveform in .npy"),
         (["--export", "wav", "sine_20_250", "--full-scale-um", "3"], "a waveform in .wav"),
         (
