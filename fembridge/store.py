@@ -22,7 +22,7 @@ import tempfile
 import tomllib
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -142,6 +142,11 @@ def working_folder(folder: Path, path: Path | None = None) -> Iterator[Path]:
     finally:
         shutil.rmtree(draft, ignore_errors=True)
         os.close(handle)
+
+
+def temporary_folder() -> AbstractContextManager[Path]:
+    """A `working_folder` among the system's temporary ones: the next of any process removes it."""
+    return working_folder(Path(tempfile.gettempdir()))
 
 
 def check_output(folder: Path, *names: str) -> None:

@@ -21,7 +21,6 @@ import os
 import re
 import shutil
 import subprocess
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -39,7 +38,15 @@ from fembridge.run_folder import SOLVER_FILE, RunFolder, read_run_folder
 from fembridge.solver.process import signals_as_exits, start, stop
 from fembridge.solver.settings import DEFAULTS, OnProgress, Progress, SolverSettings
 from fembridge.solver.verdict import Cause, Failure, Outcome, find_card, judge, read_solver_log
-from fembridge.store import folder_lock, make_folder, read_toml, sha256_of, write_text, write_toml
+from fembridge.store import (
+    folder_lock,
+    make_folder,
+    read_toml,
+    sha256_of,
+    working_folder,
+    write_text,
+    write_toml,
+)
 from fembridge.typing import Table
 
 ENTRY_POINTS = "fembridge.solvers"
@@ -170,9 +177,11 @@ def run_ccx(
     return Outcome(run.folder, failure)
 
 
-def solve_once(run: RunFolder, settings: SolverSettings = DEFAULTS) -> Outcome:
+def solve_once(
+    run: RunFolder, settings: SolverSettings = DEFAULTS, halt: threading.Event | None = None
+) -> Outcome:
     """Outcome of `run`, which is solved unless whole results of its deck are there."""
-    return finished_outcome(run) or run_ccx(run, settings)
+    return finished_outcome(run) or run_ccx(run, settings, halt)
 
 
 def warnings_of(run: RunFolder, deck: Path) -> list[str]:
@@ -184,8 +193,7 @@ def warnings_of(run: RunFolder, deck: Path) -> list[str]:
     program = find_ccx()
     if program is None:
         return []
-    with tempfile.TemporaryDirectory() as name, contextlib.suppress(OSError):
-        work = Path(name)
+    with contextlib.suppress(OSError, OutputError), working_folder(run.folder) as work:
         for path in run.folder.iterdir():
             if path.is_file() and path.suffix not in (".frd", ".dat", ".toml"):
                 shutil.copyfile(path, work / path.name)
@@ -196,8 +204,9 @@ def warnings_of(run: RunFolder, deck: Path) -> list[str]:
             process.wait(READING_S)
             unread = []
         except subprocess.TimeoutExpired:
-            stop(process, grace_s=0)
             unread = [f"CalculiX had not read the deck after {READING_S:g} s: it may never"]
+        finally:
+            stop(process, grace_s=0)
         said = [each for each in read_solver_log(log).dropped if _NO_ANALYSIS not in each.text]
         lines = [each.card and find_card(deck, each.card) for each in said]
         places = [f"line {line}: " if line else "" for line in lines]

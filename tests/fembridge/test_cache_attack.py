@@ -43,7 +43,7 @@ def describe(path):
     status = path.lstat()
     kind = stat.S_IFMT(status.st_mode)
     if stat.S_ISLNK(kind):
-        return kind, os.readlink(path)
+        return kind, path.readlink()
     content = path.read_bytes() if stat.S_ISREG(kind) else b""
     return kind, content
 
