@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from decks.green import PLANE_ROWS, PadMesh, smooth
     from decks.presets import read_finger
-    from fembridge.errors import FingerError, UsageError
+    from fembridge.errors import FingerError, SolverError, UsageError
     from fembridge.store import check_output, working_folder
     from fembridge.touching.green import solve_pad
     from fembridge.touching.pad import write_pad
@@ -86,13 +86,19 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     check_output(args.output.parent, args.output.name)
     with ExitStack() as stack:
         folder = args.runs or stack.enter_context(working_folder(args.output.parent))
-        pad = solve_pad(
-            folder,
-            finger if args.ridges else smooth(finger),
-            mesh,
-            SolverSettings(**words_of(args, SolverSettings)),
-            log=log,
-        )
+        try:
+            pad = solve_pad(
+                folder,
+                finger if args.ridges else smooth(finger),
+                mesh,
+                SolverSettings(**words_of(args, SolverSettings)),
+                log=log,
+            )
+        except SolverError as error:
+            if args.runs:
+                raise
+            problem = f"{error.problem}; --runs DIR keeps what the solver wrote"
+            raise SolverError(problem, Path(error.path.name)) from error
     write_pad(args.output, pad)
     size = args.output.stat().st_size
     print(
