@@ -63,7 +63,8 @@ def _checked(path: Path, content: bytes) -> bytes:
             f"{path}: not a PNG picture, expected .png or .csv: other pictures have no checksums, "
             "save it as PNG"
         )
-    kept, pixel_data = [SIGNATURE], []
+    kept = [SIGNATURE]
+    pixel_data: list[bytes] = []
     pixel_bytes, previous, start = -1, b"", len(SIGNATURE)
     while previous != b"IEND":
         if start + 12 > len(content):

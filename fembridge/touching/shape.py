@@ -21,11 +21,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fembridge.errors import FembridgeWarning, UsageError
+from fembridge.errors import UsageError
 from fembridge.memory import check_memory
 from fembridge.store import read_bytes
 from fembridge.touching.named import named
 from fembridge.touching.png import MAX_PIXELS, SIGNATURE, read_png
+from fembridge.touching.table import check_line_end
 from fembridge.typing import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -481,6 +482,8 @@ def _table(path: Path, content: bytes) -> FloatArray:
             rows += 1
             if (row_columns := row.count(separator.encode()) + 1) != columns:
                 raise UsageError(f"{path}:{line}: {row_columns} heights, expected {columns}")
+    if not rows:
+        raise UsageError(f"{path}: empty, expected heights in mm")
     # A grid has two rows or more, so one row alone is half of the most.
     if max(rows, 2) * columns > MAX_PIXELS:
         raise UsageError(f"{path}: {rows} x {columns} heights, expected at most {MAX_PIXELS}")
@@ -503,10 +506,5 @@ def _table(path: Path, content: bytes) -> FloatArray:
             cell = cells[int(np.isinf(heights[filled]).argmax())].strip()
             raise UsageError(f"{path}:{line}: {cell!r} is infinite, expected heights in mm")
         filled += 1
-    if content and not content.endswith((b"\n", b"\r")):
-        warnings.warn(
-            f"{path}: no line end behind the last number, which may be cut",
-            FembridgeWarning,
-            stacklevel=4,
-        )
+    check_line_end(path, content[-1:])
     return heights
