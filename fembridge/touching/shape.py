@@ -15,6 +15,7 @@ import re
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -50,7 +51,7 @@ _MAX_FILE_BYTES = 32 * MAX_PIXELS
 _TABLE_PIXEL_BYTES, _LETTER_PIXEL_BYTES = 72, 64
 # Heights beyond this are no heights of a plate, but would be holes.
 _MAX_HEIGHT_MM = 1e5
-_ROWS_PER_BLOCK = 256
+_ROWS_PER_BLOCK, _CELLS_PER_BLOCK = 256, 1 << 16
 _TABLE_SUFFIXES = (".csv", ".txt")
 _BLANKS = b" \t\r\n"
 # What no number has, but Python's float accepts: underscores, controls, other scripts.
@@ -475,36 +476,44 @@ def _table(path: Path, content: bytes) -> FloatArray:
     if b"\n" not in content:
         content = content.replace(b"\r", b"\n")
     separator = max(",;\t", key=lambda sign: content.count(sign.encode()))
-    rows, columns = 0, 0
+    sign, columns, lines = separator.encode(), 0, 0
     for line, row in enumerate(io.BytesIO(content), start=1):
         if row.strip(_BLANKS):
-            columns = columns or row.count(separator.encode()) + 1
-            rows += 1
-            if (row_columns := row.count(separator.encode()) + 1) != columns:
+            columns = columns or row.count(sign) + 1
+            lines += 1
+            if (row_columns := row.count(sign) + 1) != columns:
                 raise UsageError(f"{path}:{line}: {row_columns} heights, expected {columns}")
-    if not rows:
-        raise UsageError(f"{path}: empty, expected heights in mm")
-    # A grid has two rows or more, so one row alone is half of the most.
-    if max(rows, 2) * columns > MAX_PIXELS:
-        raise UsageError(f"{path}: {rows} x {columns} heights, expected at most {MAX_PIXELS}")
-    check_memory(_TABLE_PIXEL_BYTES * rows * columns, f"{path}: a table of this size", UsageError)
-    heights = np.empty((rows, columns))
-    filled = 0
-    for line, row in enumerate(io.BytesIO(content), start=1):
-        if not row.strip(_BLANKS):
-            continue
-        if odd := _NO_TABLE.search(row):
-            sign = ascii(odd[0].decode("latin-1"))
-            raise UsageError(f"{path}:{line}: character {sign}, expected heights in mm")
-        cells = row.decode("ascii").split(separator)
+    if min(lines, columns) < 2:
+        raise UsageError(f"{path}: a grid ({lines}, {columns}), expected 2 x 2 pixels or more")
+    if lines * columns > MAX_PIXELS:
+        raise UsageError(f"{path}: {lines} x {columns} heights, expected at most {MAX_PIXELS}")
+    check_memory(_TABLE_PIXEL_BYTES * lines * columns, f"{path}: a table of this size", UsageError)
+    heights = np.empty((lines, columns))
+    rows = (pair for pair in enumerate(io.BytesIO(content), start=1) if pair[1].strip(_BLANKS))
+    done = 0
+    while block := list(islice(rows, max(1, _CELLS_PER_BLOCK // columns))):
         try:
-            numbers = [float(cell) if cell.strip() else math.nan for cell in cells]
-        except ValueError as error:
-            raise UsageError(f"{path}:{line}: {error}, expected heights in mm") from error
-        heights[filled] = numbers
-        if np.isinf(heights[filled]).any():
-            cell = cells[int(np.isinf(heights[filled]).argmax())].strip()
-            raise UsageError(f"{path}:{line}: {cell!r} is infinite, expected heights in mm")
-        filled += 1
+            numbers = _numbers(b"".join(row for _, row in block), separator)
+        except ValueError:  # name the line
+            for line, row in block:
+                try:
+                    _numbers(row, separator)
+                except ValueError as error:
+                    raise UsageError(f"{path}:{line}: {error}, expected heights in mm") from error
+            raise
+        heights[done : done + len(block)] = numbers.reshape(len(block), columns)
+        done += len(block)
     check_line_end(path, content[-1:])
     return heights
+
+
+def _numbers(rows: bytes, separator: str) -> FloatArray:
+    """Numbers of the cells of some rows; a ValueError says which cell has none."""
+    if odd := _NO_TABLE.search(rows):
+        raise ValueError(f"character {odd[0].decode('latin-1')!a}")
+    text = rows.decode("ascii").replace("\r", "").removesuffix("\n")
+    cells = text.replace("\n", separator).split(separator)
+    numbers = np.array([float(cell) if cell.strip() else math.nan for cell in cells])
+    if np.isinf(numbers).any():
+        raise ValueError(f"{cells[int(np.isinf(numbers).argmax())].strip()!r} is infinite")
+    return numbers
