@@ -535,6 +535,25 @@ def _check_places(
         rows = [row for row, name in enumerate(about.layers) if name == layer]
         if len(rows) < 2 or (np.diff(depth_mm[rows], axis=0) <= 0).any():
             raise error(f"row_depth_mm does not rise in {layer}, of which there are {len(rows)}")
+        top_mm, bottom_mm = _layer_mm(finger, layer)
+        apex_mm = depth_mm[rows, 0]
+        if apex_mm[0] < top_mm or apex_mm[-1] > bottom_mm:
+            raise error(
+                f"row_depth_mm is {apex_mm[0]:.3g} to {apex_mm[-1]:.3g} at the apex in {layer}, "
+                f"expected {top_mm:.3g} to {bottom_mm:.3g}"
+            )
+
+
+def _layer_mm(finger: Finger, layer: str) -> tuple[float, float]:
+    """Depths between which `layer` lies under the apex, ridges and papillae included."""
+    skin, beyond_mm = finger.skin, finger.ridges.height_mm + finger.papillae.height_mm
+    thick_mm = (skin.stratum_corneum_mm, skin.epidermis_mm, skin.dermis_mm)
+    bottom_mm = np.cumsum(thick_mm).tolist()
+    boundaries_mm = dict(
+        zip(LAYERS, zip([0.0, *bottom_mm], [*bottom_mm, 1e3], strict=True), strict=False)
+    )
+    top, bottom = boundaries_mm.get(layer, (0.0, 0.0))
+    return top - beyond_mm, bottom + beyond_mm
 
 
 def _check_compliance(down_mm: NDArray[Any], error: Callable[[str], ResponseError]) -> None:

@@ -54,8 +54,9 @@ _MAX_HEIGHT_MM = 1e5
 _ROWS_PER_BLOCK, _CELLS_PER_BLOCK = 256, 1 << 16
 _TABLE_SUFFIXES = (".csv", ".txt")
 _BLANKS = b" \t\r\n"
-# What no number has, but Python's float accepts: underscores, controls, other scripts.
-_NO_TABLE = re.compile(rb"[^\t\r\n -~]|_|\r(?!\n)")
+# Python's float accepts underscores, control characters and other scripts, no table has them.
+# The second is of tables whose cells are separated by tabs.
+_NO_TABLE = re.compile(rb"[^\r\n -~]|_|\r(?!\n)"), re.compile(rb"[^\t\r\n -~]|_|\r(?!\n)")
 # A hole of a height map, and any share of one that is more than rounding, is no shape.
 _HOLE_MM = 1e12
 # Dots 1, 2, 3 are the left column of a Braille cell from above, 4, 5, 6 the right one.
@@ -509,7 +510,7 @@ def _table(path: Path, content: bytes) -> FloatArray:
 
 def _numbers(rows: bytes, separator: str) -> FloatArray:
     """Numbers of the cells of some rows; a ValueError says which cell has none."""
-    if odd := _NO_TABLE.search(rows):
+    if odd := _NO_TABLE[separator == "\t"].search(rows):
         raise ValueError(f"character {odd[0].decode('latin-1')!a}")
     text = rows.decode("ascii").replace("\r", "").removesuffix("\n")
     cells = text.replace("\n", separator).split(separator)
