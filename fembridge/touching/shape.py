@@ -444,10 +444,13 @@ def _beveled(inside: BoolArray, pixel_mm: float, relief_mm: float) -> FloatArray
 
 def _outline_of(text: str) -> "MatplotlibPath":
     """Outlines of the letters of `text`, in any size."""
+    from matplotlib.font_manager import FontProperties, findfont, get_font
     from matplotlib.textpath import TextPath
 
-    if not text.isprintable():
-        raise UsageError(f"letters {text!r}: expected printable letters")
+    fonts = [get_font(findfont(name)) for name in FontProperties().get_family()]
+    for letter in text:  # else a box is drawn in its stead
+        if not letter.isprintable() or not any(font.get_char_index(ord(letter)) for font in fonts):
+            raise UsageError(f"letters {text!r}: the font has no {letter!r}")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:  # a dollar alone, not a formula
