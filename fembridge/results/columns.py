@@ -256,18 +256,19 @@ class ColumnSource(Source):
         if time.size != max(time.shape, default=1):
             raise self._no_fit(f"{self._time} of shape {time.shape}, expected (T,)")
         time = time.reshape(-1)
+        if not time.size:
+            raise ResultError("no time in it", self.path)
+        parts = []
         for key in VALUES:
-            if key in reals and reals[key].shape[:1] != time.shape:
-                shape = reals[key].shape
-                raise self._no_fit(f"{names[key]} of shape {shape} for {time.size} times")
-        try:
-            values = _stacked(reals)
-            values = values[..., 0] if "value" in reals else values
-            values = values.reshape(time.size, math.prod(values.shape[1:2]), *values.shape[2:])
-        except ValueError as error:
-            raise self._no_fit(str(error)) from error
-        if values.ndim == 2:
-            values = values[:, :, None]
+            if key not in reals:
+                continue
+            part = reals[key]
+            if part.shape[:1] != time.shape or (key != "value" and part.ndim > 2):
+                raise self._no_fit(f"{names[key]} of shape {part.shape} for {time.size} times")
+            parts.append(part[:, None] if part.ndim == 1 else part)
+        if len({part.shape for part in parts}) > 1:
+            raise self._no_fit(f"components of a tensor {sorted({part.shape for part in parts})}")
+        values = parts[0] if parts[0].ndim > 2 else np.stack(parts, -1)
         values = _tensors(values, self.path)
         number = _whole(reals.get("node", np.arange(values.shape[1]) + 1), self.path)
         if number.shape != values.shape[1:2]:
@@ -303,6 +304,7 @@ class ColumnSource(Source):
             for output, key in enumerate(keys):
                 outputs.setdefault(key, output)
             point_count = series.count()
+            doubts = series.doubts(arrays)
             with series.frame(0) as first:
                 size = point_count if nodes is None else len(nodes)
                 self._check_sizes(series, first, arrays, len(outputs), size)
@@ -310,27 +312,30 @@ class ColumnSource(Source):
                 rows = None if nodes is None else self._rows(nodes, number)
             values = np.empty((len(series.times), size, 0))
             for output, time in enumerate(series.times):
-                if (same := outputs[keys[output]]) < output:
-                    values[output] = values[same]
+                if (earlier := outputs[keys[output]]) < output:
+                    values[output] = values[earlier]
                     continue
                 with series.frame(output) as frame:
-                    held = self._frame_values(frame, arrays, point_count, time)
+                    stress = self._frame_values(frame, arrays, point_count, time)
                     if node_keys[output] != node_keys[0] and not np.array_equal(
                         self._numbers(frame, point_count, names), number
                     ):
                         raise ResultError(f"other nodes at {time:g} than before", self.path)
-                held = held if rows is None else held[rows]
+                stress = stress if rows is None else stress[rows]
                 if not output:
-                    values = np.empty((len(series.times), *held.shape))
-                if held.shape != values.shape[1:]:
-                    words = f"{held.shape[1]} components at {time:g}, before {values.shape[2]}"
-                    raise ResultError(words, self.path)
-                values[output] = held
+                    values = np.empty((len(series.times), *stress.shape))
+                if stress.shape != values.shape[1:]:
+                    raise ResultError(
+                        f"{stress.shape[1]} components at {time:g}, before {values.shape[2]}",
+                        self.path,
+                    )
+                values[output] = stress
         if len(outputs) < len(keys):
             second = next(output for output, key in enumerate(keys) if outputs[key] < output)
             first_time, time = series.times[outputs[keys[second]]], series.times[second]
-            doubt = f"{self.path}: outputs at {first_time:g} and {time:g} are the same data"
-            warnings.warn(doubt, FembridgeWarning, stacklevel=2)
+            doubts.append(f"outputs at {first_time:g} and {time:g} are the same data")
+        for doubt in doubts:
+            warnings.warn(f"{self.path}: {doubt}", FembridgeWarning, stacklevel=2)
         selected = number if rows is None else number[rows]
         return _Parts(np.array(series.times), selected, values)
 
@@ -363,7 +368,8 @@ class ColumnSource(Source):
             columns.append(frame.read(name).reshape(points, -1))
         if len(columns) > 1 and any(column.shape[1] != 1 for column in columns):
             raise ResultError(f"components of a tensor at {time:g} are no scalars", self.path)
-        return _tensors(np.hstack(columns), self.path, self.path.suffix.lower() != ".xdmf")
+        is_xdmf = self.path.suffix.lower() == ".xdmf" and len(columns) == 1
+        return _tensors(np.hstack(columns), self.path, not is_xdmf)
 
     def _numbers(self, frame: Frame, count: int, names: Mapping[str, str]) -> IntArray:
         if not count:
@@ -395,12 +401,6 @@ def _whole(numbers: FloatArray | IntArray, path: Path) -> IntArray:
     if reals.size and reals.min() < 0:
         raise ResultError(f"node {reals.min():g}, expected 0 or more", path)
     return reals.astype(np.int64)
-
-
-def _stacked(held: Mapping[str, FloatArray]) -> FloatArray:
-    """The value, or the components of a tensor, along a last axis."""
-    parts = [np.asarray(held[key], dtype=np.float64) for key in VALUES if key in held]
-    return np.stack(parts, -1)
 
 
 def _tensors(values: FloatArray, path: Path, vtk: bool = True) -> FloatArray:

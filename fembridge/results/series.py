@@ -70,6 +70,10 @@ class Series(AbstractContextManager["Series"]):
         """Where arrays of an output are stored: two outputs of one key have the same numbers."""
         raise NotImplementedError
 
+    def doubts(self, names: Sequence[str]) -> list[str]:
+        """What makes the arrays `names` doubtful."""
+        return []
+
     def packed_bytes(self) -> int:
         """Size of its files on the disk."""
         raise NotImplementedError

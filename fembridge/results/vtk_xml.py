@@ -23,7 +23,7 @@ from fembridge.memory import check_unpacked
 from fembridge.number import parse_number, parse_whole_number
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.series import Frame, Series, disk_bytes, inside, numbers_in
-from fembridge.results.xml_tree import read_xml
+from fembridge.results.xml_tree import read_xml, refuse_text
 from fembridge.store import read_bytes
 from fembridge.typing import FloatArray
 
@@ -211,7 +211,8 @@ class VtuFile(Frame):
         rest = _components(array) or ((3,) if array is piece.points else ())
         count = piece.count * (rest[0] if rest else 1)
         dtype = np.dtype(_TYPES[array.attrib["type"]]).newbyteorder(self._order)
-        storage, text = array.get("format", "ascii"), array.text or ""
+        storage = array.get("format", "ascii")
+        text = "".join([array.text or "", *(key.tail or "" for key in array)])
         if storage == "ascii":
             values = numbers_in(text, count, dtype.newbyteorder("="), name)
         else:
@@ -368,6 +369,8 @@ def _entries(path: Path) -> list[tuple[float, Path]]:
     collections = root.findall("Collection")
     if root.tag != "VTKFile" or len(collections) != 1:
         raise ResultError("no PVD: expected a VTKFile with one Collection", path)
+    refuse_text(root, path)
+    refuse_text(collections[0], path)
     sets = list(collections[0])
     if not sets:
         raise ResultError("no DataSet in it", path)

@@ -20,7 +20,7 @@ from fembridge.errors import FembridgeError, MissingError, ResultError
 from fembridge.memory import SMALL_BYTES, check_memory, check_unpacked
 from fembridge.number import parse_number, parse_whole_number
 from fembridge.results.series import Frame, Series, disk_bytes, inside, numbers_in
-from fembridge.results.xml_tree import read_xml
+from fembridge.results.xml_tree import read_xml, refuse_text
 from fembridge.store import read_bytes
 from fembridge.typing import FloatArray
 
@@ -61,6 +61,8 @@ class XdmfSeries(Series):
                 raise ResultError(f"{min(names)} in its collection, expected Grid", path)
             self._grids = collection.findall("Grid")
             self.times = [_time_of(grid) for grid in self._grids]
+            for element in (root, domain, collection, *self._grids):
+                refuse_text(element, path)
             uniform = [grid for grid in grids if grid.get("GridType") == "Uniform"]
             uniform = uniform[-1:] or [
                 grid for grid in self._grids if grid.get("GridType") == "Uniform"
@@ -120,6 +122,19 @@ class XdmfSeries(Series):
             if name in items
         )
 
+    def doubts(self, names: Sequence[str]) -> list[str]:
+        """Which of the arrays `names` are stored where another array is."""
+        names_of: dict[str, set[str]] = {}
+        for output in range(len(self._grids)):
+            for name, item in self.items(output).items():
+                if item.get("Format", "XML") != "XML":
+                    names_of.setdefault((item.text or "").strip(), set()).add(name)
+        return [
+            f"{source} is both {' and '.join(sorted(shared))}"
+            for source, shared in names_of.items()
+            if len(shared) > 1 and shared & set(names)
+        ]
+
     def packed_bytes(self) -> int:
         """Size of the XDMF, and of the files that its arrays are in."""
         files = {self.path}
@@ -151,6 +166,9 @@ class XdmfSeries(Series):
             dataset = self._dataset(item)
             if size != math.prod(_dimensions(item)):
                 raise ValueError(f"{name} has shape {shape}, not {item.get('Dimensions')}")
+            stated = item.get("DataType", item.get("NumberType"))
+            if stated and (_KINDS[stated] == "f") != (dataset.dtype.kind == "f"):
+                raise ValueError(f"{name} is of type {dataset.dtype}, not {stated}")
             self._check_dataset(dataset, name)
             return np.asarray(dataset[()], dtype=np.float64)
         dtype = _type_of(item)

@@ -62,3 +62,11 @@ def read_xml(content: bytes, path: Path) -> Element:
         return builder.close()
     except (expat.ExpatError, ValueError, LookupError, AssertionError) as error:
         raise ResultError(f"not XML, or cut: {error}", path) from error
+
+
+def refuse_text(element: Element, path: Path) -> None:
+    """Refuse text between the elements in `element`: a damaged tag becomes such text."""
+    for text in (element.text, *(child.tail for child in element)):
+        if text and text.strip():
+            problem = f"{text.strip()[:40]!r} between the elements of {element.tag}"
+            raise ResultError(f"{problem}: a damaged tag", path)

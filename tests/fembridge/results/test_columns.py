@@ -252,7 +252,9 @@ def test_a_vtu_of_vectors_and_one_that_lies_are_refused(tmp_path):
     with pytest.raises(ResultError, match="3 components, expected 1, or 6 or 9"):
         read(path, [1], columns=names)
     path.write_text(path.read_text().replace('NumberOfComponents="3"', 'NumberOfComponents="7"'))
-    with pytest.raises(ResultError, match="no VTU that can be read: S unpacks to 720 bytes, expected 1680"):
+    with pytest.raises(
+        ResultError, match="no VTU that can be read: S unpacks to 720 bytes, expected 1680"
+    ):
         read(path, [1], columns=names)
 
 
