@@ -15,14 +15,15 @@ real files. Time is taken as s, length as mm.
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
-from itertools import accumulate, pairwise
+from itertools import accumulate, islice, pairwise
 from pathlib import Path
 from typing import Any
 
 from fembridge.errors import ResultError
+from fembridge.number import parse_number
 from fembridge.results.byte_file import suffix_of, text_lines
 from fembridge.results.read_options import ReadOptions
-from fembridge.trace import MS_PER_S
+from fembridge.trace import seconds_to_ms
 
 SUCCESS = 3004
 """The exit number of a job of Marc that reached its end."""
@@ -34,6 +35,7 @@ _FIRST_LINE = "style=1"  # of a .sts
 _UNDER_HEADER = ("#", "|--")  # two more lines of names
 _HEADER = "case inc cycl sepa cut cycl separ cut rmesh time step total time displ-mag"
 _EXIT = re.compile(r"job ends with exit number *:? *(\d+)", re.IGNORECASE)
+_STA_ROUNDING, _STS_ROUNDING = 2.0e-6, 2.0e-4  # share of a sum: seven and five digits are printed
 _AFTER = re.compile(r"total (?:wall|cpu) +time *:.*", re.IGNORECASE)
 
 
@@ -131,8 +133,14 @@ def _long_count(field: str) -> int | None:
 
 
 def fortran(text: str) -> float:
-    """A number as Fortran prints it: ``1.000000-101`` has lost its E."""
-    return float(re.sub(r"(?<=[\d.])(?=[+-])", "E", text))
+    """A finite number as Fortran prints it: ``1.000000-101`` has lost its E.
+
+    Raises
+    ------
+    ValueError
+        It is no number, or beyond 1.8e308.
+    """
+    return parse_number(re.sub(r"(?<=[\d.])(?=[+-])", "E", text))
 
 
 def _real(field: str) -> float:
@@ -143,7 +151,7 @@ def _real(field: str) -> float:
 
 
 def _ms(field: str) -> float:
-    return _real(field) * MS_PER_S
+    return seconds_to_ms(_real(field))
 
 
 def _percent(field: str) -> float:
@@ -192,12 +200,12 @@ def _rows(
     kind: Callable[..., Any], columns: _Columns, path: Path, header_lines: int, known: int
 ) -> list[Any]:
     """A `kind` of each ended, not blank line under the header but the first `known`."""
-    lines = [
+    lines = (
         (number, line)
         for number, line, ended in text_lines(path)
         if number > header_lines and ended and line.strip()
-    ]
-    return [_row(kind, columns, line, path, number) for number, line in lines[known:]]
+    )
+    return [_row(kind, columns, line, path, number) for number, line in islice(lines, known, None)]
 
 
 def read_sta(path: Path, known: int = 0) -> list[StaRow]:
@@ -256,8 +264,10 @@ def status_rows(path: Path, options: ReadOptions) -> Iterator[Sequence[object]]:
         for number, line, ended in text_lines(path):
             if not ended:
                 problem = f"line {number} has no end yet and is left out: {line[:40]!r}"
-    if words := _out_of_order(rows):
-        options.refuse(words, path)
+    if message := _out_of_order(rows):
+        options.refuse(message, path)
+    elif message := _contradiction(rows):
+        options.note(message)
     if problem is not None:
         options.note(problem)
     yield tuple(column.name for column in fields(kind))
@@ -291,4 +301,39 @@ def _out_of_order(rows: Sequence[Any]) -> str:
                 f"row {number}, of increment {row.increment}, cannot follow {last}: rows are "
                 "missing, duplicate or not in order"
             )
+    return ""
+
+
+def _contradiction(rows: Sequence[Any]) -> str:
+    """Which row has a time or a sum that does not follow from the row before; "" where all do.
+
+    Within a step, the times of a ``.sta`` grow by each increment that converged; a ``.sts`` sums
+    times and counts over the job.
+    """
+    for number, (before, row) in enumerate(pairwise(rows), start=2):
+        if isinstance(row, CvgRow) or (isinstance(row, StaRow) and row.step != before.step):
+            continue
+        names = ["total_time_ms"]
+        share = _STS_ROUNDING
+        growth_ms = row.increment_time_ms
+        if isinstance(row, StaRow):
+            names, share = ["total_time_ms", "step_time_ms"], _STA_ROUNDING
+            growth_ms = 0.0 if row.failed else growth_ms
+        for name in names:
+            expected_ms = getattr(before, name) + growth_ms
+            if abs(getattr(row, name) - expected_ms) > share * abs(expected_ms):
+                return (
+                    f"row {number}, of increment {row.increment}: {name} is "
+                    f"{getattr(row, name):g}, the row before and the increment make "
+                    f"{expected_ms:g}"
+                )
+        if isinstance(row, StsRow):
+            for name in ("cycles", "separations", "cut_backs"):
+                total, last = getattr(row, f"total_{name}"), getattr(before, f"total_{name}")
+                count = getattr(row, name)
+                if None not in (total, last, count) and total != last + count:
+                    return (
+                        f"row {number}, of increment {row.increment}: total_{name} is {total}, "
+                        f"the row before and {name} make {last + count}"
+                    )
     return ""
