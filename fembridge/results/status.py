@@ -29,6 +29,8 @@ SUCCESS = 3004
 """The exit number of a job of Marc that reached its end."""
 
 _REAL = re.compile(r" *[+-]?\d*\.\d*(?:[Ee][+-]?\d{1,3}|[+-]\d{2,3})? *")
+_NOT_ZERO = re.compile(r" *[+-]?0*\.?0*[1-9]")
+_REAL_OF_MARC = re.compile(r" *[+-]?\d\.\d{4}(?:E[+-]\d{2}|[+-]\d{3}) *")
 _OVERFLOW = re.compile(r" *\*+ *")
 _NOT_FINITE = re.compile(r" *[+-]?(nan|inf|infinity) *", re.IGNORECASE)
 _FIRST_LINE = "style=1"  # of a .sts
@@ -138,9 +140,12 @@ def fortran(text: str) -> float:
     Raises
     ------
     ValueError
-        It is no number, or beyond 1.8e308.
+        It is no number, or out of the range of float64.
     """
-    return parse_number(re.sub(r"(?<=[\d.])(?=[+-])", "E", text))
+    value = parse_number(re.sub(r"(?<=[\d.])(?=[+-])", "E", text))
+    if value == 0.0 and _NOT_ZERO.match(text):
+        raise ValueError(f"{text.strip()!r} is too small for a number of float64")
+    return value
 
 
 def _real(field: str) -> float:
@@ -150,8 +155,19 @@ def _real(field: str) -> float:
     return fortran(field)
 
 
+def _real_of_marc(field: str) -> float:
+    """A number of a ``.sts``, which has five digits."""
+    if not _REAL_OF_MARC.fullmatch(field):
+        raise ValueError(f"{field.strip()!r} is no number of five digits")
+    return _real(field)
+
+
 def _ms(field: str) -> float:
     return seconds_to_ms(_real(field))
+
+
+def _ms_of_marc(field: str) -> float:
+    return seconds_to_ms(_real_of_marc(field))
 
 
 def _percent(field: str) -> float:
@@ -178,7 +194,7 @@ _CVG: _Columns = (
 )  # fmt: skip
 _STS: _Columns = (
     *((width, _long_count) for width in (7, 7, 5, 5, 5, 8, 8, 6, 6)),
-    (12, _ms), (12, _ms), (12, _real), (12, _real),
+    (12, _ms_of_marc), (12, _ms_of_marc), (12, _real_of_marc), (12, _real_of_marc),
 )  # fmt: skip
 
 
@@ -328,6 +344,12 @@ def _contradiction(rows: Sequence[Any]) -> str:
                     f"{expected_ms:g}"
                 )
         if isinstance(row, StsRow):
+            if None not in (row.load_case, before.load_case):
+                cases = before.load_case, before.load_case + 1
+                if row.load_case not in cases:
+                    return f"row {number}: load case {row.load_case} comes after {cases[0]}"
+            if None not in (row.remeshings, before.remeshings) and row.remeshings < before.remeshings:
+                return f"row {number}, of increment {row.increment}: remeshings become fewer"
             for name in ("cycles", "separations", "cut_backs"):
                 total, last = getattr(row, f"total_{name}"), getattr(before, f"total_{name}")
                 count = getattr(row, name)
