@@ -277,8 +277,9 @@ class FrdIndex:
         firsts: dict[str, FrdBlock] = {}
         for block in self.blocks:
             first = firsts.setdefault(block.name, block)
-            if (stored := set(block.components)) != set(first.components):
-                remarks.setdefault("later", f"{block} has other components than {first}")
+            stored = set(block.components)
+            if block.form.stored != first.form.stored:
+                remarks.setdefault("later", f"{block} has not the components of {first}")
             expected = COMPONENTS.get(block.name)
             if expected and not stored & {"MAG1", *expected} >= set(expected) and block is first:
                 words = f"{block} has the components {', '.join(block.components)}"
