@@ -9,7 +9,7 @@ jittered lattice.
 import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -245,15 +245,15 @@ class Population:
             import pandas
 
             table.refuse_duplicates(pandas.DataFrame({"unit": unit}))
-        units = cls.at(
+        return cls.at(
             names,
             table.numbers("x_mm"),
             table.numbers("z_mm"),
             table.numbers("depth_mm", least=0) if "depth_mm" in own else None,
             table.numbers("deviate") if "deviate" in own else None,
             finger,
+            unit.tolist(),
         )
-        return replace(units, unit=tuple(unit.tolist()))
 
     @classmethod
     def at(
@@ -264,19 +264,21 @@ class Population:
         depth_mm: FloatArray | None = None,
         deviate: FloatArray | None = None,
         finger: Finger = QUICK,
+        unit: Sequence[str] | None = None,
     ) -> "Population":
         """Units of the classes `afferent` ``(U,)`` at places, in the layers of `finger`.
 
-        They are named by class and number; without depths they lie at those of `finger`,
-        without deviates they are median units.
+        Without names they are named by class and number; without depths they lie at those
+        of `finger`, without deviates they are median units.
         """
         sites = {name: _site(name, finger) for name in dict.fromkeys(afferent)}
         usual_mm = np.array([sites[name].depth_mm for name in afferent])
-        number: Counter[str] = Counter()
-        unit = []
-        for name in afferent:
-            number[name] += 1
-            unit.append(f"{name}{number[name]}")
+        if unit is None:
+            number: Counter[str] = Counter()
+            unit = []
+            for name in afferent:
+                number[name] += 1
+                unit.append(f"{name}{number[name]}")
         return cls(
             unit=tuple(unit),
             afferent=tuple(afferent),
