@@ -22,6 +22,7 @@ _MOST_SAMPLES = 200_001
 # The farthest that a shape is above first touch, and from the middle of the pad.
 _MAX_LIFT_UM = 1.0e6
 _MAX_AWAY_MM = 1_000.0
+_MAX_TIME_MS = 1.0e12
 _MAX_PINS, _MAX_PIN_SAMPLES = 2_000, 20_000_000
 
 
@@ -173,9 +174,9 @@ class Way:
         pressed = [name for name in ("depth_um", "force_n") if name in table.header]
         if len(pressed) != 1 or table.size < 2:
             raise UsageError(f"{path}: expected two rows or more with either depth_um or force_n")
-        at_ms = table.numbers("time_ms")
+        at_ms = table.numbers("time_ms", -_MAX_TIME_MS)
         table.refuse(np.diff(at_ms, prepend=at_ms[0] - 1) <= 0, lambda row: "time_ms does not rise")
-        steps = (at_ms[-1] - at_ms[0]) / DT_MS + 1e-9
+        steps = (float(at_ms[-1]) - float(at_ms[0])) / DT_MS + 1e-9
         if not 1 <= steps < _MOST_SAMPLES:
             raise UsageError(
                 f"{path}: time_ms from {at_ms[0]:g} to {at_ms[-1]:g}, expected {DT_MS:g} to "
