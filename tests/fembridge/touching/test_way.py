@@ -30,7 +30,7 @@ def table(tmp_path):
 @pytest.mark.parametrize(
     ("read", "text", "line", "match"),
     [
-        (Way.read, PATH.replace("depth_um", "depth"), 1, "'depth'.*depth_um"),
+        (Way.read, PATH.replace("depth_um", "depth"), 1, "depth.*depth_um"),
         (Way.read, PATH.replace("x_mm", "x_um"), 1, "x_mm"),
         (Way.read, PATH.replace("um\n", "um,force\n").replace("0\n", "0,1\n"), 1, "force_n"),
         (Way.read, PATH.replace("50,", "5_0,"), 3, "5_0"),
@@ -38,7 +38,7 @@ def table(tmp_path):
         (Way.read, PATH.replace("300", "1e999"), 3, "1e999"),
         (Way.read, PATH.replace("50,", "0,"), 3, "rise"),
         (read_pins, PINS.replace("diameter_mm", "diameter"), 1, "diameter_mm"),
-        (read_pins, PINS.replace("s\n", "s,delay_ms\n").replace("0\n", "0,1\n"), 1, "'delay_ms'"),
+        (read_pins, PINS.replace("s\n", "s,delay_ms\n").replace("0\n", "0,1\n"), 1, "delay_ms"),
         (read_pins, PINS.replace("1.5", "1_5"), 3, "1_5"),
         (read_pins, PINS.replace("1.5", "1e308"), 3, "x_mm is 1e[+]308"),
         (read_pins, PINS.replace("0.5", "1e308"), 3, "diameter_mm is 1e[+]308"),
