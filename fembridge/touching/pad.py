@@ -368,9 +368,10 @@ def _check_sizes(
     required = (*_DIMENSIONS, *_TEXTS)
     names = [info.filename.removesuffix(".npy") for info in archive.infolist()]
     for name in names:
-        if name not in required or names.count(name) > 1:
-            problem = "twice" if name in required else "of no pad" + near_hint(name, required)
-            raise error(f"array {name!r} is {problem}")
+        if name not in required:
+            raise error(f"array {name!r} is of no pad{near_hint(name, required)}")
+        if names.count(name) > 1:
+            raise error(f"array {name} twice")
     for name in required:
         if name not in names:
             raise error(f"no array {name}")

@@ -122,7 +122,7 @@ def test_a_table_that_is_no_population_names_the_line(tmp_path, text, line):
 def test_a_column_of_another_name_is_refused_with_the_nearest(tmp_path):
     path = tmp_path / "mine.csv"
     path.write_text("afferent,x_mm,z_mm,deviates\nRA,0,0,0.5\n")
-    with pytest.raises(TableError, match="deviates.* deviate"):
+    with pytest.raises(TableError, match=r"deviates.* deviate"):
         Population.read(path)
 
 
