@@ -134,8 +134,8 @@ class Population:
         At `density` 1 a class fills a square lattice of 1 unit a cell with whole rows and
         columns: on the reference finger 888 units, 260 SA, 532 RA and 96 PC. Another
         `density` has that many times the units on the same skin: ``888 density`` to the
-        nearest whole number, and each class to less than 1. They stand in columns along the
-        finger, whose numbers of units differ by 1 at most, evenly spaced in each.
+        nearest whole number, and each class to less than 1. They form columns along the
+        finger, evenly spaced, whose numbers of units differ by 1 at most.
         """
         if seed < 0 or not 0 < density <= 100:
             raise UsageError(f"seed {seed}, density {density:g}: expected >= 0, and 0 to 100")
@@ -336,8 +336,8 @@ def check_inside(pad: Pad, units: Population) -> None:
     """
     half_width_mm = float(pad.section.point_mm[:, 0].max())
     reach_mm = min(pad.widest_mm + pad.spacing_mm, half_width_mm)
-    beside = np.abs(units.x_mm) > reach_mm + _ROUNDING_MM
-    _refuse(units, beside, lambda row: (
+    outside = np.abs(units.x_mm) > reach_mm + _ROUNDING_MM
+    _refuse(units, outside, lambda row: (
         f"at x = {units.x_mm[row]:g} mm is beside the skin, which reaches {reach_mm:.3g} mm to "
         "both sides"
     ))  # fmt: skip

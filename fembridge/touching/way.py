@@ -247,19 +247,19 @@ def read_pins(path: Path | str, preindent_um: float = 0.0) -> Way:
         for name, least in (("x_mm", -MAX_AWAY_MM), ("z_mm", -MAX_AWAY_MM), ("diameter_mm", 0.01))
     )
     by_name: dict[str, Stimulus] = {}
-    words = table.words("stimulus").tolist()
-    for row, word in enumerate(words):
+    names = table.words("stimulus").tolist()
+    for row, name in enumerate(names):
         try:
             Shape.punch(diameter_mm[row]).moved(x_mm[row], z_mm[row])
         except UsageError as error:
             raise table.error(row, str(error)) from error
-        if word in by_name:
+        if name in by_name:
             continue
-        stimuli = stimuli_of(word, preindent_um)
+        stimuli = stimuli_of(name, preindent_um)
         if len(stimuli) != 1:
-            raise table.error(row, f"stimulus {word!r} names {len(stimuli)}, expected one")
-        by_name[word] = stimuli[0]
-    waves = [by_name[word] for word in words]
+            raise table.error(row, f"stimulus {name!r} names {len(stimuli)}, expected one")
+        by_name[name] = stimuli[0]
+    waves = [by_name[name] for name in names]
     most = max(wave.displacement_um.size for wave in waves)
     if most * len(waves) > _MAX_PIN_SAMPLES:
         raise UsageError(
