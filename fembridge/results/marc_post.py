@@ -39,6 +39,7 @@ from numpy.typing import NDArray
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
+from fembridge.trace import seconds_to_ms
 from fembridge.typing import FloatArray, IntArray
 
 BEGIN, END = "=beg=", "=end="
@@ -230,7 +231,12 @@ class PostFile:
             bad = int(np.flatnonzero((used < 0) | (used > self.corners))[0])
             words = f"element {table[bad, 0]} announces {used[bad]} nodes, the model has up to"
             raise ResultError(f"{words} {self.corners}", self.path)
-        corners[np.arange(corners.shape[1]) >= used[:, None]] = 0
+        absent = np.arange(corners.shape[1]) >= used[:, None]
+        corners[absent] = 0
+        if (odd := np.argwhere((corners <= 0) & ~absent)).size:
+            row, corner = odd[0].tolist()
+            words = f"element {table[row, 0]} has node {corners[row, corner]}, expected 1 or more"
+            raise ResultError(words, self.path)
         sets = []
         for name, number, members in self.sets:
             kind = _SET_KINDS.get(number, f"type {number}")
@@ -238,7 +244,7 @@ class PostFile:
                 PostSet(name, kind, nothing if members is None else members.values(self._file)[0])
             )
         return PostMesh(
-            node_ids=nothing if ids is None else ids.values(self._file)[:, 0],
+            node_ids=nothing if ids is None else self._once_each(ids.values(self._file)[:, 0]),
             coordinates_mm=mm,
             element_ids=table[:, 0].copy(),
             element_types=table[:, 1].copy(),
@@ -246,6 +252,13 @@ class PostFile:
             extras=table[:, 3 + self.corners :].copy(),
             sets=tuple(sets),
         )
+
+    def _once_each(self, nodes: IntArray) -> IntArray:
+        """The numbers of the nodes; one that is there twice is a ResultError."""
+        ids, counts = np.unique(nodes, return_counts=True)
+        if (counts > 1).any():
+            raise ResultError(f"node {ids[counts > 1][0]} is duplicate", self.path)
+        return nodes
 
     def element_values(self, row: int, element_rows: IntArray) -> FloatArray:
         """Values of increment `row`, which has some, at all points of elements.
@@ -334,6 +347,12 @@ class PostFile:
 
     def _append(self, layout: "_Layout", offset: int, words: list[int], reals: list[float]) -> None:
         number, sub, harmonic = words[1], words[2], words[6]
+        try:
+            seconds_to_ms(reals[0])
+            if not math.isfinite(reals[1]):
+                raise ValueError(f"a frequency of {reals[1]:g} is no frequency")
+        except ValueError as error:
+            raise PostDamageError(str(error), layout.start + offset) from error
         one = (len(self.increments), number, sub, reals[0], harmonic, reals[1], layout, offset)
         self.increments.append(PostIncrement(*one))
 

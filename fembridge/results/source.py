@@ -25,6 +25,7 @@ from fembridge.results.fields import (
     Scene,
     arrays_of,
     derived_of,
+    node_numbers,
     rows_of,
     spread,
 )
@@ -237,7 +238,7 @@ class FieldSource(Source, Generic[_Block]):
         if nodes is None:
             numbers, values = self.everywhere(blocks)
         else:
-            numbers = np.array([int(node) for node in nodes], dtype=np.int64)
+            numbers = np.array(node_numbers(nodes), dtype=np.int64)
             values = self.at_nodes(blocks, numbers.tolist())
             whole = np.isfinite(values).all(axis=(1, 2))
             for row in np.flatnonzero(~whole).tolist():

@@ -95,9 +95,9 @@ def test_a_set_needs_a_deck_and_can_name_one(here, capsys):
         ([ASCII, "--field", "DISP", "-o", "f.txt"], "expected a name in .npz or .csv"),
         ([ASCII, "--set", "PROBES", "--one-sided", "EALL"], "--one-sided is for the --node"),
         ([ASCII, "--node", "11", "--derived", "principal"], "--derived is for --vtu"),
-        ([DAT, "--resample-ms", "1"], "--resample-ms and --modes are for"),
+        ([DAT, "--resample-ms", "1"], "--resample-ms is for a table at nodes or points"),
         ([ASCII, "--node", "all", "--one-sided", "EALL"], "--one-sided takes numbers of nodes"),
-        (["--node", "1", "2", "3x", ASCII], "argument --node: invalid node value: '3x'"),
+        (["--node", "1", "2", "3x", ASCII], "argument --node: '3x', expected a whole number"),
         ([ASCII, "--node", "25", "-o", "t.parquet"], "t.parquet: a table is written as .csv"),
     ],
 )
