@@ -251,6 +251,32 @@ def test_a_pvd_lists_vtu_files_alone(tmp_path, name):
         read(path, [11], columns=COLUMNS)
 
 
+@pytest.mark.parametrize("binary", [True, False])
+def test_a_pvd_may_list_legacy_vtk_files(tmp_path, binary):
+    path = write_pvd(tmp_path / "p", "plain")
+    path.write_text(path.read_text().replace(".vtu", ".vtk"))
+    for row in range(4):
+        data = {"S": STRESS_MPA[row].copy(), "node": NODES.copy()}
+        mesh = meshio.Mesh(POINTS, CELLS, data)
+        meshio.vtk.write(path.parent / f"job{row}.vtk", mesh, fmt_version="4.2", binary=binary)
+    (trace,) = read(path, [12], columns=COLUMNS)
+    assert_allclose(trace.stress_pa, 1e6 * STRESS_MPA[:, 1], rtol=1e-10)
+    file = path.parent / "job2.vtk"
+    whole = file.read_bytes()
+    for old, new in (
+        (b"POINTS 5", b"POINTS 5000000000"),
+        (b"POINT_DATA 5", b"POINT_DATA 99999999"),
+    ):
+        file.write_bytes(whole.replace(old, new))
+        with pytest.raises(ResultError, match="counts more numbers than the file has bytes"):
+            read(path, [12], columns=COLUMNS)
+    source = random.Random(3)
+    for _ in range(30):
+        file.write_bytes(mutated(whole, source))
+        with contextlib.suppress(FembridgeError):
+            read(path, [12], columns=COLUMNS)
+
+
 # --- memory
 
 
