@@ -302,7 +302,7 @@ class _Piece:
             raise ValueError(f"{self.count} points")
         expected = {"Points", "Cells", "PointData", "CellData"}
         if names := {child.tag for child in piece} - expected:
-            raise ValueError(f"unexpected element {min(names)}")
+            raise ValueError(f"unknown element {min(names)}")
         [points] = piece.findall("Points")
         [self.points] = points.findall("DataArray")
         self.arrays: dict[str, Element] = {}
