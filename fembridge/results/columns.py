@@ -132,7 +132,11 @@ class ColumnSource(Source):
                 f"the time of sample {row + 1} is {at[row]:g}, expected a finite time in ms",
                 self.path,
             )
-        history = History.of_stress(number, at_ms, self._stress_pa(values), self.path)
+        stress_pa = self._stress_pa(values)
+        if stress_pa.shape[2] == 1 and stress_pa.size and (least_pa := stress_pa.min()) < 0:
+            doubt = f"{self.path}: a von Mises stress of {least_pa:g} Pa, which is never negative"
+            warnings.warn(doubt, FembridgeWarning, stacklevel=2)
+        history = History.of_stress(number, at_ms, stress_pa, self.path)
         return replace(history, afferents=afferents)
 
     def _rows(self, nodes: Sequence[int], number: IntArray) -> IntArray:

@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from fembridge.typing import FloatArray
 _SHORTEST_NUMBER = 2  # a digit and a blank
 
 
-class Frame(AbstractContextManager["Frame"]):
+class Frame:
     """The arrays at the points of one output, open until it is left.
 
     Attributes
@@ -29,6 +30,9 @@ class Frame(AbstractContextManager["Frame"]):
 
     def __init__(self, shapes: Mapping[str, tuple[int, ...]]) -> None:
         self.shapes = shapes
+
+    def __enter__(self) -> Self:
+        return self
 
     def __exit__(self, *error: object) -> None:
         return None

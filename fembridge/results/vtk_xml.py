@@ -23,6 +23,7 @@ from fembridge.memory import check_unpacked
 from fembridge.number import parse_number, parse_whole_number
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.series import Frame, Series, disk_bytes, inside, numbers_in
+from fembridge.results.vtk_legacy import LegacyVtkFile
 from fembridge.results.xml_tree import read_xml, refuse_text
 from fembridge.store import read_bytes
 from fembridge.typing import FloatArray
@@ -98,9 +99,6 @@ class VtuFile(Frame):
         except BaseException:
             self._file.__exit__()
             raise
-
-    def __enter__(self) -> "VtuFile":
-        return self
 
     def __exit__(self, *error: object) -> None:
         self._file.__exit__(*error)
@@ -302,8 +300,8 @@ class _Piece:
         self.count = parse_whole_number(piece.attrib["NumberOfPoints"])
         if self.count < 0:
             raise ValueError(f"{self.count} points")
-        known = {"Points", "Cells", "PointData", "CellData"}
-        if names := {child.tag for child in piece} - known:
+        expected = {"Points", "Cells", "PointData", "CellData"}
+        if names := {child.tag for child in piece} - expected:
             raise ValueError(f"unknown element {min(names)}")
         [points] = piece.findall("Points")
         [self.points] = points.findall("DataArray")
@@ -332,35 +330,36 @@ def _damage(error: Exception, path: Path) -> ResultError:
 
 
 class VtuSeries(Series):
-    """A PVD and its VTU files, or one VTU at time 0."""
+    """A PVD and its VTU or legacy VTK files, or one VTU at time 0."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         entries = _entries(path) if path.suffix.lower() == ".pvd" else [(0.0, path)]
         self.times = [time for time, _ in entries]
-        self.vtu_files = [file for _, file in entries]
+        self._data_files = [file for _, file in entries]
 
     def count(self) -> int:
         """Count of points of the first file."""
-        with VtuFile(self.vtu_files[0]) as first:
+        with self.frame(0) as first:
             return first.count()
 
     def points(self) -> FloatArray:
         """Coordinates ``(P, 3)`` of the first file."""
-        with VtuFile(self.vtu_files[0]) as first:
+        with self.frame(0) as first:
             return first.points()
 
-    def frame(self, output: int) -> VtuFile:
+    def frame(self, output: int) -> VtuFile | LegacyVtkFile:
         """The file of an output, opened."""
-        return VtuFile(self.vtu_files[output])
+        file = self._data_files[output]
+        return LegacyVtkFile(file) if file.suffix.lower() == ".vtk" else VtuFile(file)
 
     def key(self, output: int, names: Sequence[str]) -> Hashable:
         """The file of an output."""
-        return self.vtu_files[output].resolve()
+        return self._data_files[output].resolve()
 
     def packed_bytes(self) -> int:
         """Size of the PVD and its files on the disk."""
-        return disk_bytes([self.path, *self.vtu_files])
+        return disk_bytes([self.path, *self._data_files])
 
 
 def _entries(path: Path) -> list[tuple[float, Path]]:
@@ -384,7 +383,7 @@ def _entries(path: Path) -> list[tuple[float, Path]]:
         name = item.get("file", "")
         if name not in files:
             files[name] = inside(path.parent, name, path)
-            if files[name].suffix.lower() != ".vtu":
+            if files[name].suffix.lower() not in (".vtu", ".vtk"):
                 raise ResultError(f"it lists {files[name].name}, expected .vtu files", path)
         try:
             entries.append((parse_number(item.get("timestep", "0")), files[name]))

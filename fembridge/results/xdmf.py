@@ -29,6 +29,16 @@ COPIES = 3
 
 _KINDS = {"Float": "f", "Int": "i", "UInt": "u", "Char": "i", "UChar": "u"}
 _ORDERS = {"Little": "<", "Big": ">", "Native": "="}
+_HDF5_TYPES = tuple(
+    f"{kind}{bits}{order}"
+    for kind, sizes in (
+        ("IEEE_F", (16, 32, 64)),
+        ("STD_I", (8, 16, 32, 64)),
+        ("STD_U", (8, 16, 32, 64)),
+    )
+    for bits in sizes
+    for order in ("LE", "BE")
+)
 _MAX_LINKS = 16
 _MAX_DEFLATE = 1032
 """Times that deflate can shrink zeros."""
@@ -286,7 +296,8 @@ def _linked(file: Any, name: str, path: Path) -> Any:  # noqa: ANN401
         raise ResultError(f"{name[:60]} is no dataset of its HDF5", path)
     if node.is_virtual or node.external:
         raise ResultError(f"the numbers of {name[:60]} are in another file, not read", path)
-    if node.dtype.kind not in "iuf" or node.shape is None:
+    types = [getattr(h5py.h5t, name) for name in _HDF5_TYPES]
+    if node.shape is None or not any(node.id.get_type().equal(kind) for kind in types):
         raise ResultError(f"{name[:60]} is of type {node.dtype}, expected real numbers", path)
     return node
 

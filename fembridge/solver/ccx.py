@@ -309,12 +309,16 @@ def _run(
 ) -> Outcome:
     """Run, judge, and put the files where they belong; the folder is locked for it."""
     work = run.folder / WORK_FOLDER
-    deck_sha256 = _begin(run, work)
-    key = _cache_key(program, run.deck, deck_sha256) if settings.cache else None
-    if key is not None and (record := cache.take(key, work)) is not None:
-        if (outcome := _solved_before(run, work, record)) is not None:
-            return outcome
-        _begin(run, work)
+    try:
+        deck_sha256 = _begin(run, work)
+        key = _cache_key(program, run.deck, deck_sha256) if settings.cache else None
+        if key is not None and (record := cache.take(key, work)) is not None:
+            if (outcome := _solved_before(run, work, record)) is not None:
+                return outcome
+            _begin(run, work)
+    except OutputError:  # half a deck, or half an entry, on a full disk
+        shutil.rmtree(work, ignore_errors=True)
+        raise
     watchdog = Watchdog(work, run, settings)
     begin_s = time.monotonic()
     words = ["-i", os.path.join(WORK_FOLDER, JOB)]  # noqa: PTH118 - a word for ccx

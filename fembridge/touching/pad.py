@@ -365,15 +365,16 @@ def _check_sizes(
     archive: zipfile.ZipFile, packed_bytes: int, error: Callable[[str], ResponseError]
 ) -> None:
     """Refuse arrays that are unknown, missing, inconsistent or too large, from headers alone."""
-    files = [info.filename for info in archive.infolist()]
-    names = [f"{name}.npy" for name in (*_DIMENSIONS, *_TEXTS)]
-    for file in files:
-        if file not in names or files.count(file) > 1:
-            problem = "twice" if file in names else "of no pad" + near_hint(file, names)
-            raise error(f"array {file.removesuffix('.npy')!r} is {problem}")
-    for file in names:
-        if file not in files:
-            raise error(f"no array {file.removesuffix('.npy')}")
+    required = (*_DIMENSIONS, *_TEXTS)
+    names = [info.filename.removesuffix(".npy") for info in archive.infolist()]
+    for name in names:
+        if name not in required:
+            raise error(f"array {name!r} is of no pad{near_hint(name, required)}")
+        if names.count(name) > 1:
+            raise error(f"array {name} twice")
+    for name in required:
+        if name not in names:
+            raise error(f"no array {name}")
     total_bytes = sum(info.file_size for info in archive.infolist())
     if total_bytes > max(_SMALL_BYTES, _MAX_RATIO * packed_bytes):
         raise error(

@@ -9,7 +9,7 @@ jittered lattice.
 import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -134,8 +134,8 @@ class Population:
         At `density` 1 a class fills a square lattice of 1 unit a cell with whole rows and
         columns: on the reference finger 888 units, 260 SA, 532 RA and 96 PC. Another
         `density` has that many times the units on the same skin: ``888 density`` to the
-        nearest whole number, and each class to less than 1. They stand in columns along the
-        finger, whose numbers of units differ by 1 at most, evenly spaced in each.
+        nearest whole number, and each class to less than 1. They form columns along the
+        finger, evenly spaced, whose numbers of units differ by 1 at most.
         """
         if seed < 0 or not 0 < density <= 100:
             raise UsageError(f"seed {seed}, density {density:g}: expected >= 0, and 0 to 100")
@@ -245,15 +245,15 @@ class Population:
             import pandas
 
             table.refuse_duplicates(pandas.DataFrame({"unit": unit}))
-        units = cls.at(
+        return cls.at(
             names,
             table.numbers("x_mm"),
             table.numbers("z_mm"),
             table.numbers("depth_mm", least=0) if "depth_mm" in own else None,
             table.numbers("deviate") if "deviate" in own else None,
             finger,
+            unit.tolist(),
         )
-        return replace(units, unit=tuple(unit.tolist()))
 
     @classmethod
     def at(
@@ -264,19 +264,21 @@ class Population:
         depth_mm: FloatArray | None = None,
         deviate: FloatArray | None = None,
         finger: Finger = QUICK,
+        unit: Sequence[str] | None = None,
     ) -> "Population":
         """Units of the classes `afferent` ``(U,)`` at places, in the layers of `finger`.
 
-        They are named by class and number; without depths they lie at those of `finger`,
-        without deviates they are median units.
+        Without names they are named by class and number; without depths they lie at those
+        of `finger`, without deviates they are median units.
         """
         sites = {name: _site(name, finger) for name in dict.fromkeys(afferent)}
         usual_mm = np.array([sites[name].depth_mm for name in afferent])
-        number: Counter[str] = Counter()
-        unit = []
-        for name in afferent:
-            number[name] += 1
-            unit.append(f"{name}{number[name]}")
+        if unit is None:
+            number: Counter[str] = Counter()
+            unit = []
+            for name in afferent:
+                number[name] += 1
+                unit.append(f"{name}{number[name]}")
         return cls(
             unit=tuple(unit),
             afferent=tuple(afferent),
@@ -334,8 +336,8 @@ def check_inside(pad: Pad, units: Population) -> None:
     """
     half_width_mm = float(pad.section.point_mm[:, 0].max())
     reach_mm = min(pad.widest_mm + pad.spacing_mm, half_width_mm)
-    beside = np.abs(units.x_mm) > reach_mm + _ROUNDING_MM
-    _refuse(units, beside, lambda row: (
+    outside = np.abs(units.x_mm) > reach_mm + _ROUNDING_MM
+    _refuse(units, outside, lambda row: (
         f"at x = {units.x_mm[row]:g} mm is beside the skin, which reaches {reach_mm:.3g} mm to "
         "both sides"
     ))  # fmt: skip

@@ -447,7 +447,8 @@ def _outline_of(text: str) -> "MatplotlibPath":
     from matplotlib.font_manager import FontProperties, findfont, get_font
     from matplotlib.textpath import TextPath
 
-    fonts = [get_font(findfont(name)) for name in FontProperties().get_family()]
+    families = FontProperties().get_family()
+    fonts = [get_font(findfont(FontProperties(family=[family]))) for family in families]
     for letter in text:  # else a box is drawn in its stead
         if not letter.isprintable() or not any(font.get_char_index(ord(letter)) for font in fonts):
             raise UsageError(f"letters {text!r}: the font has no {letter!r}")

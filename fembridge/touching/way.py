@@ -22,6 +22,7 @@ _MOST_SAMPLES = 200_001
 # The farthest that a shape is above first touch, and from the middle of the pad.
 _MAX_LIFT_UM = 1.0e6
 _MAX_AWAY_MM = 1_000.0
+_MAX_TIME_MS = 1.0e12
 _MAX_PINS, _MAX_PIN_SAMPLES = 2_000, 20_000_000
 
 
@@ -173,9 +174,9 @@ class Way:
         pressed = [name for name in ("depth_um", "force_n") if name in table.header]
         if len(pressed) != 1 or table.size < 2:
             raise UsageError(f"{path}: expected two rows or more with either depth_um or force_n")
-        at_ms = table.numbers("time_ms")
+        at_ms = table.numbers("time_ms", -_MAX_TIME_MS)
         table.refuse(np.diff(at_ms, prepend=at_ms[0] - 1) <= 0, lambda row: "time_ms does not rise")
-        steps = (at_ms[-1] - at_ms[0]) / DT_MS + 1e-9
+        steps = (float(at_ms[-1]) - float(at_ms[0])) / DT_MS + 1e-9
         if not 1 <= steps < _MOST_SAMPLES:
             raise UsageError(
                 f"{path}: time_ms from {at_ms[0]:g} to {at_ms[-1]:g}, expected {DT_MS:g} to "
@@ -246,19 +247,19 @@ def read_pins(path: Path | str, preindent_um: float = 0.0) -> Way:
         for name, least in (("x_mm", -MAX_AWAY_MM), ("z_mm", -MAX_AWAY_MM), ("diameter_mm", 0.01))
     )
     by_name: dict[str, Stimulus] = {}
-    words = table.words("stimulus").tolist()
-    for row, word in enumerate(words):
+    names = table.words("stimulus").tolist()
+    for row, name in enumerate(names):
         try:
             Shape.punch(diameter_mm[row]).moved(x_mm[row], z_mm[row])
         except UsageError as error:
             raise table.error(row, str(error)) from error
-        if word in by_name:
+        if name in by_name:
             continue
-        stimuli = stimuli_of(word, preindent_um)
+        stimuli = stimuli_of(name, preindent_um)
         if len(stimuli) != 1:
-            raise table.error(row, f"stimulus {word!r} names {len(stimuli)}, expected one")
-        by_name[word] = stimuli[0]
-    waves = [by_name[word] for word in words]
+            raise table.error(row, f"stimulus {name!r} names {len(stimuli)}, expected one")
+        by_name[name] = stimuli[0]
+    waves = [by_name[name] for name in names]
     most = max(wave.displacement_um.size for wave in waves)
     if most * len(waves) > _MAX_PIN_SAMPLES:
         raise UsageError(

@@ -121,3 +121,14 @@ def test_a_temporary_folder_that_a_kill_left_is_removed_by_the_next(temporary):
     with temporary_folder() as first, temporary_folder() as second:
         assert {path.name for path in temporary.iterdir()} == {first.name, second.name}
     assert not names_below(temporary)
+
+
+def test_a_disk_without_room_for_the_solver_s_copy_keeps_no_half_of_it(fake_ccx, make_run, refused):
+    folder = make_run(deck="** play normal\n" + "** a line\n" * 1000)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
+    try:
+        refused("run", folder)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert {path.name for path in folder.iterdir()} == {"job.inp", "run.toml"}
