@@ -136,7 +136,7 @@ def simulate(
     from decks.analysis import Contact
     from decks.presets import finger_table
     from fembridge import simulation
-    from fembridge.stimulus_file import stimuli_of
+    from fembridge.stimulus_file import check_depth_is_used, stimuli_of
     from fembridge.store import temporary_folder
     from fembridge.trace import finger_id
     from neural import parameter_set
@@ -154,6 +154,7 @@ def simulate(
         stimulus, depth_um, seed, slide_mm_per_s,
         dt_ms=dt_ms, full_scale_um=full_scale_um, window_ms=window_ms, log=log,
     )  # fmt: skip
+    check_depth_is_used(stimuli, preindent_um)
     model = _model(finger, probe, Contact(), element, inertia, whole_section, law)
     with ExitStack() as stack:
         if output is None:
@@ -263,16 +264,18 @@ def build_deck(
     from decks.analysis import Contact
     from decks.dialects import DeckOptions, dialect_named
     from fembridge.build import build_own_folder, build_run_folder, read_base_deck
-    from fembridge.stimulus_file import stimuli_of
+    from fembridge.stimulus_file import check_depth_is_used, stimuli_of
     from neural import parameter_set
 
     chosen = parameter_set(parameters)
-    if preindent_um is None:
-        preindent_um = chosen.preindent_um if base_deck is None else 0.0
+    depth_um = preindent_um
+    if depth_um is None:
+        depth_um = chosen.preindent_um if base_deck is None else 0.0
     stimuli = stimuli_of(
-        stimulus, preindent_um, seed, slide_mm_per_s,
+        stimulus, depth_um, seed, slide_mm_per_s,
         dt_ms=dt_ms, full_scale_um=full_scale_um, window_ms=window_ms, log=log,
     )  # fmt: skip
+    check_depth_is_used(stimuli, preindent_um)
     if base_deck is not None:
         from decks.own_model import Request
 

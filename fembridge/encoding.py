@@ -100,6 +100,8 @@ def encode(
     A stimulus that nobody names is `unnamed`. `log` gets what was done to the traces, `note`
     what was otherwise in the fit of the parameters.
     """
+    if parameters is not None:
+        parameters = parameter_set(parameters)  # a wrong name is refused before anything is read
     if isinstance(source, str | Path):
         found, _ = read_stress(Path(source), log, columns, gain_pa, resample_ms)
     elif isinstance(source, Sequence):

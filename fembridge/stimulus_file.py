@@ -106,6 +106,22 @@ def stimuli_of(
     return made
 
 
+def check_depth_is_used(stimuli: Sequence[Stimulus], preindent_um: float | None) -> None:
+    """Refuse a `preindent_um` that a user chose and that none of `stimuli` has.
+
+    Raises
+    ------
+    UsageError
+        All of them hold their own depth before time 0, as a file that starts in the skin.
+    """
+    own_um = sorted({stimulus.preindent_um for stimulus in stimuli})
+    if preindent_um is not None and preindent_um not in own_um:
+        raise UsageError(
+            f"--preindent-um (preindent_um=) is {preindent_um:g}, but {stimuli[0].id} holds its "
+            f"own depth before time 0, {own_um[0]:g} um: leave it out"
+        )
+
+
 def read_stimulus(
     path: Path,
     preindent_um: float = 0.0,

@@ -164,10 +164,12 @@ def _description(entry: "Entry") -> str:
 
 
 def _made(args: argparse.Namespace, words: "Sequence[str | Path]") -> "list[Stimulus]":
-    from fembridge.stimulus_file import stimuli_of
+    from fembridge.stimulus_file import check_depth_is_used, stimuli_of
 
     given = {**words_of(args, stimuli_of), "preindent_um": args.preindent_um or 0.0}
-    return stimuli_of(words, **given, log=log)
+    made = stimuli_of(words, **given, log=log)
+    check_depth_is_used(made, args.preindent_um)
+    return made
 
 
 def _export(args: argparse.Namespace) -> dict[str, Any]:

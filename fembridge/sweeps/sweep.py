@@ -358,6 +358,8 @@ def sweep(
         raise UsageError("scheduler is for the executor dask")
     if not isinstance(study, Study):
         study = read_study(Path(study))
+    if study.stored and threads is not None:
+        raise UsageError("--threads (threads=) is for a solver, and the study says stored")
     folder = make_folder(Path(output)).resolve()
     here = SolverSettings(threads=threads, jobs=jobs).shared_by(jobs).threads
     threads = here if scheduler is None else threads or 1
