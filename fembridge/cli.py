@@ -109,7 +109,7 @@ def _run(words: list[str]) -> int:
         if command is None:
             parser.print_help()
             return 0
-        args.given = _given_options(words, parser)
+        args.explicit = _explicit_options(words, parser)
         check_uses(args, getattr(command, "USES", ()))
     except SystemExit as stop:  # argparse: help, version
         return stop.code if isinstance(stop.code, int) else 0
@@ -302,14 +302,14 @@ def _options_of(parser: argparse.ArgumentParser) -> dict[str, argparse.Action]:
     return known
 
 
-def _given_options(words: Sequence[str], parser: argparse.ArgumentParser) -> frozenset[str]:
+def _explicit_options(words: Sequence[str], parser: argparse.ArgumentParser) -> frozenset[str]:
     """Options that `words` hold, each by its first name in full, as ``--output`` of ``-o``."""
     known = _options_of(parser)
     names = set()
     for word in words[: words.index("--")] if "--" in words else words:
         name = word.partition("=")[0]
         if action := known.get(name) or (None if word[:2] == "--" else known.get(word[:2])):
-            names.add(next(one for one in action.option_strings if one.startswith("--")))
+            names.add(next(flag for flag in action.option_strings if flag.startswith("--")))
     return frozenset(names)
 
 

@@ -35,7 +35,7 @@ _JSON = b"""{
 
 def is_command() -> bool:
     """Whether this process is the console script, or ``python -m fembridge.cli``."""
-    program = next((word for word in sys.orig_argv[1:] if not word.startswith("-")), "")
+    program = next((text for text in sys.orig_argv[1:] if not text.startswith("-")), "")
     return os.path.basename(program) in _COMMANDS  # noqa: PTH119 - pathlib takes long to import
 
 
@@ -53,8 +53,8 @@ def raise_from_now_on() -> None:
 
 def ignore_from_now_on() -> None:
     """From now on Ctrl-C does nothing, if this process is the command."""
-    ours = (_end, signal.default_int_handler)
-    if is_command() and signal.getsignal(signal.SIGINT) in ours:
+    handlers = (_end, signal.default_int_handler)
+    if is_command() and signal.getsignal(signal.SIGINT) in handlers:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 

@@ -45,7 +45,7 @@ USES = (
     Use(_OF_AN_OWN_MODEL, "--base-deck", lambda args: args.base_deck),
     *PROBE_USES,
     *WAVE_USES,
-    Use("--ascii", "decks without --results", lambda args: "--results" not in args.given),
+    Use("--ascii", "decks without --results", lambda args: "--results" not in args.explicit),
     Use(
         "--whole-section",
         "--solver calculix; decks for the others always have both halves",

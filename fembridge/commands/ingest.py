@@ -271,7 +271,7 @@ def _refuse_unused_units(
     from fembridge.errors import UsageError
     from fembridge.results.columns import stress_units_in
 
-    if "--stress-unit" not in args.given:
+    if "--stress-unit" not in args.explicit:
         return
     if not {"Pa", "N"} & set(units):
         raise UsageError(f"--stress-unit is for stress or forces, not for {quantity}")
@@ -388,7 +388,7 @@ def _traces(args: argparse.Namespace, result: "Result") -> Written:
     _refuse_unused_units(args, result.source.options, found.quantity, found.units)
     if found.quantity.lower() in _NODAL:  # by default, of a file without stress
         for option in ("--extrapolate", "--across-materials"):
-            if option in args.given:
+            if option in args.explicit:
                 raise UsageError(f"{option} is for stress or strain, not for {found.quantity}")
     table = found.columns()
     if _names(args) == {STRESS} and "von_mises_pa" in table:
@@ -456,7 +456,7 @@ def _nothing_chosen(args: argparse.Namespace, result: "Result") -> bool:
     wants = "choose with --node N or all, --set NAME or --near X,Y"
     if args.afferents:
         wants = "--afferents needs them"
-    if args.given & _OF_NODES:
+    if args.explicit & _OF_NODES:
         lacks = "no run.toml beside it" if result.run is None else "its run.toml has no afferents"
         raise UsageError(f"{result.source.path}: {lacks}; {wants}")
     return True
@@ -582,7 +582,7 @@ def _deck(args: argparse.Namespace, path: Path) -> dict[str, Any]:
     from fembridge.errors import UsageError
 
     check_uses(args, _uses("list", ".dat"))
-    if not args.list or args.given & _SELECTIONS:
+    if not args.list or args.explicit & _SELECTIONS:
         raise UsageError(
             f"{path}: a Marc deck, no results; --list shows what it holds, results "
             f"are in {path.stem}.t16 or {path.stem}.t19"

@@ -1,7 +1,7 @@
 """Options that verbs share, how an argument of the API becomes an option, and option values.
 
-A number is read by a `Number`, whose range stands in `NUMBERS`; `argparse` converts none.
-An option that the chosen way does not use is refused by the `Use` that stands beside the verb.
+A `Number` reads each number; `NUMBERS` has the ranges. A `Use` of a verb refuses an option that
+the chosen way does not use.
 """
 
 import argparse
@@ -146,7 +146,7 @@ def check_uses(args: argparse.Namespace, uses: Iterable[Use]) -> None:
         Names the option and what it is for.
     """
     for use in uses:
-        unused = [name for name in use.options.split() if name in args.given]
+        unused = [name for name in use.options.split() if name in args.explicit]
         if unused and not use.condition(args):
             verb = "is" if len(unused) == 1 else "are"
             raise UsageError(f"{', '.join(unused)} {verb} for {use.needs}")
