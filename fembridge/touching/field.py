@@ -18,8 +18,8 @@ from fembridge.touching.contact import MOST_UM, press_to
 from fembridge.touching.pad import Pad, pad_named
 from fembridge.touching.population import ENDINGS_MM, Population
 from fembridge.touching.shape import Shape
-from fembridge.touching.stress import driving_stress_pa
-from fembridge.touching.touch import PAD, between, parameters_on
+from fembridge.touching.stress import between, driving_stress_pa
+from fembridge.touching.touch import PAD, parameters_on
 from fembridge.touching.way import Way
 from fembridge.typing import BoolArray, FloatArray, IntArray
 from neural.encoder import encode_units

@@ -10,7 +10,7 @@ averaged over the time in which the shape moves by that. Without it each node th
 into contact would be a tap.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fembridge.errors import UsageError
+from fembridge.memory import check_memory
 from fembridge.stimulus import Stimulus
 from fembridge.store import filling, write_text
 from fembridge.touching.contact import (
@@ -26,16 +27,16 @@ from fembridge.touching.contact import (
     SkinNodes,
     first_touch_mm,
     gaps_mm,
-    press_all,
+    press_steps,
     press_to,
     skin_nodes,
 )
 from fembridge.touching.pad import Pad, pad_named
 from fembridge.touching.population import ENDINGS_MM, Population, population_named
 from fembridge.touching.shape import Shape, shape_named
-from fembridge.touching.stress import driving_stress_pa
+from fembridge.touching.stress import Solved, UnitStress, between
 from fembridge.touching.way import Pins, Way, read_pins, way_of
-from fembridge.typing import FloatArray, SingleArray, Table
+from fembridge.typing import FloatArray, IntArray, SingleArray, Table
 from neural.encoder import UnitSpikes, encode_units
 from neural.parameter_sets import ParameterSet, parameter_set
 from neural.parameters import Parameters
@@ -53,45 +54,53 @@ LEVELS = 25
 # A shape that slides is solved at least so often while it moves by one node.
 _STEPS_A_NODE = 8
 _MOST_EVERY = 20
+# Numbers in double precision of which a mean over steps is made at a time.
+_NUMBERS = 4_000_000
 _MS_PER_S = 1.0e3
 # What is touched.
 PAD = "reference"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Solved:
-    """Forces ``(S, node)`` on `nodes` and depths ``(S,)`` at the states that were solved.
-
-    Sample n of the touch lies at `at` ``(T,)`` among their rising `knots` ``(S,)``. `drag`
-    ``(S, 2)`` is the force along x and z that comes with 1 N into the skin; None where
-    nothing slips.
-    """
-
-    nodes: SkinNodes
-    forces_n: FloatArray | SingleArray
-    depth_um: FloatArray
-    knots: FloatArray
-    at: FloatArray
-    drag: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Touch:
     """What came of a touch.
 
-    `stress_pa` ``(T, unit)`` drives each unit, `force_n` and `depth_um` ``(T,)`` are the
-    shape's; `solved` is the contact.
+    `force_n` and `depth_um` ``(T,)`` are the shape's; `solved` is the contact, and `stress_pa`
+    is superposed from it when it is read.
     """
 
     population: Population
     way: Way
-    stress_pa: FloatArray
     force_n: FloatArray
     depth_um: FloatArray
     solved: Solved
     fired: UnitSpikes
     trials: int = 1
     origin: Table = field(default_factory=dict)
+
+    @cached_property
+    def stress_pa(self) -> FloatArray:
+        """Stress that drives each unit, ``(T, unit)`` in Pa.
+
+        Raises
+        ------
+        UsageError
+            It takes more memory than `fembridge.memory` allows; `stress_of` has some units.
+        """
+        return self.stress_of(range(len(self.population)))
+
+    def stress_of(self, units: Sequence[int]) -> FloatArray:
+        """Stress that drives some `units`, counted from 0, ``(T, len(units))`` in Pa.
+
+        Raises
+        ------
+        UsageError
+            It takes more memory than `fembridge.memory` allows.
+        """
+        rows, samples = np.asarray(units, dtype=np.int64), self.way.pressed.size
+        what = f"stress of {rows.size} units at {samples} samples"
+        check_memory(2 * 8 * samples * rows.size, what, UsageError)
+        return UnitStress(self.solved.nodes.pad, self.population, self.solved).whole(rows)
 
     @cached_property
     def spikes(self) -> "pandas.DataFrame":
@@ -319,26 +328,8 @@ def touch_skin(
         raise UsageError(f"{trials} repeats, expected 1 to 10000")
     if seed < 0:
         raise UsageError(f"seed is {seed}, expected 0 or more")
-    if way.pins is not None:
-        solved = _pinned(pad, way, way.pins)
-    elif shape is None:
-        raise UsageError("nothing touches: neither a shape nor pins")
-    elif way.slides:
-        solved = _slid(pad, shape, way, friction)
-    else:
-        most = max(float(way.pressed.max()), 1e-9)
-        level = most * (np.arange(LEVELS) / (LEVELS - 1)) ** 1.5
-        pressed = press_to(pad, shape, level, newton=way.newton)
-        solved = Solved(*pressed, level, np.clip(way.pressed, 0.0, most))
-    pushed = np.asarray((solved.forces_n > 0).any(axis=0))
-    nodes, forces = solved.nodes.subset(pushed), solved.forces_n[:, pushed]
-    solved = replace(solved, nodes=nodes, forces_n=forces)
-    states = (
-        driving_stress_pa(pad, nodes, forces, population, solved.drag),
-        forces.sum(axis=1),
-        solved.depth_um,
-    )
-    stress, total_n, depth_um = (between(solved.knots, each, solved.at) for each in states)
+    solved = _solved(pad, shape, way, friction)
+    stress = UnitStress(pad, population, solved)
     fired = encode_units(
         stress,
         list(population.afferent),
@@ -349,8 +340,8 @@ def touch_skin(
         noise_mv=noise_mv,
         rng=np.random.default_rng(seed),
     )
-    about: Table = {"pad": dict(pad.origin), "nodes_in_contact": int(pushed.sum())}
-    if _at_the_end(pad, nodes, forces):
+    about: Table = {"pad": dict(pad.origin), "nodes_in_contact": solved.nodes.column.size}
+    if _at_the_end(pad, solved.nodes, solved.forces_n):
         about["note"] = (
             f"contact reaches the end of the skin that may be touched, {pad.reach_mm:.3g} mm to "
             "both sides of the apex: there is more of it than shown"
@@ -358,9 +349,8 @@ def touch_skin(
     return Touch(
         population=population,
         way=way,
-        stress_pa=stress,
-        force_n=total_n,
-        depth_um=depth_um,
+        force_n=between(solved.knots, solved.total_n, solved.at),
+        depth_um=between(solved.knots, solved.depth_um, solved.at),
         solved=solved,
         fired=fired,
         trials=trials,
@@ -371,19 +361,46 @@ def touch_skin(
 # ---- Forces
 
 
+def _solved(pad: Pad, shape: Shape | None, way: Way, friction: float) -> Solved:
+    """The contact, of the nodes that are pressed at any time."""
+    if way.pins is not None:
+        return _pinned(pad, way, way.pins)
+    if shape is None:
+        raise UsageError("nothing touches: neither a shape nor pins")
+    if way.slides:
+        return _slid(pad, shape, way, friction)
+    most = max(float(way.pressed.max()), 1e-9)
+    level = most * (np.arange(LEVELS) / (LEVELS - 1)) ** 1.5
+    nodes, forces, depth_um = press_to(pad, shape, level, newton=way.newton)
+    pushed = np.asarray((forces > 0).any(axis=0))
+    nodes, forces = nodes.subset(pushed), forces[:, pushed]
+    at = np.clip(way.pressed, 0.0, most)
+    return Solved(nodes, forces, forces.sum(axis=1), depth_um, level, at)
+
+
 def _pinned(pad: Pad, way: Way, pins: Pins) -> Solved:
     """Contact sample by sample of pins that move on their own."""
-    samples = np.arange(way.pressed.size, dtype=np.float64)
     nodes = skin_nodes(pad)
-    overlap_um = np.full((samples.size, nodes.column.size), -np.inf)
+    under_pins = []
+    nearest_um = np.full(nodes.column.size, np.inf)
     for (x_mm, z_mm, diameter_mm), depth_um in zip(pins.places, pins.depth_um.T, strict=True):
         alone = Shape.punch(diameter_mm).moved(x_mm, z_mm)
         gap_um = (gaps_mm(nodes, alone) - first_touch_mm(pad, alone)) / MM_PER_UM
-        under = gap_um < depth_um.max()
-        here = depth_um[:, None] - gap_um[under]
-        overlap_um[:, under] = np.maximum(overlap_um[:, under], here)
-    pressed = press_all(nodes, -overlap_um * MM_PER_UM, np.zeros(samples.size))
-    return Solved(*pressed[:2], way.pressed, samples, samples)
+        under = np.flatnonzero(gap_um < depth_um.max())
+        under_pins.append((under, gap_um[under]))
+        nearest_um[under] = np.minimum(nearest_um[under], gap_um[under] - depth_um.max())
+
+    def gaps_at(chosen: IntArray, samples: IntArray) -> FloatArray:
+        overlap_um = np.full((samples.size, nodes.column.size), -np.inf)
+        for (under, gap_um), depth_um in zip(under_pins, pins.depth_um.T, strict=True):
+            here = depth_um[samples, None] - gap_um
+            overlap_um[:, under] = np.maximum(overlap_um[:, under], here)
+        return -overlap_um[:, chosen] * MM_PER_UM
+
+    level = np.zeros(way.pressed.size)
+    pressed = press_steps(nodes, gaps_at, nearest_um * MM_PER_UM, level)
+    samples = np.arange(level.size, dtype=np.float64)
+    return Solved(pressed.nodes, pressed.forces_n, pressed.total_n, way.pressed, samples, samples)
 
 
 def _slid(pad: Pad, shape: Shape, way: Way, friction: float) -> Solved:
@@ -402,23 +419,41 @@ def _slid(pad: Pad, shape: Shape, way: Way, friction: float) -> Solved:
     every = 1 if np.ptp(way.pressed) else max(1, min(int(fine_mm / fastest), _MOST_EVERY))
     samples = np.arange(way.pressed.size, dtype=np.int64)
     row = np.unique(np.append(samples[::every], samples[-1]))
+    x_mm, z_mm = way.x_mm[row], way.z_mm[row]
+
+    def gap_at(nodes: SkinNodes, step: int) -> SingleArray:
+        here = shape.moved(float(x_mm[step]), float(z_mm[step]))
+        return gaps_mm(nodes, here).astype(np.float32)
+
+    def gaps_at(chosen: IntArray, steps: IntArray) -> SingleArray:
+        nodes = everywhere.subset(chosen)
+        return np.stack([gap_at(nodes, step) for step in steps.tolist()])
+
     everywhere = skin_nodes(pad)
-    gaps = np.empty((row.size, everywhere.column.size), dtype=np.float32)
-    for n, sample in enumerate(row.tolist()):
-        gaps[n] = gaps_mm(everywhere, shape.moved(float(way.x_mm[sample]), float(way.z_mm[sample])))
+    nearest_mm = np.full(everywhere.column.size, np.inf, dtype=np.float32)
+    for step in range(row.size):
+        np.minimum(nearest_mm, gap_at(everywhere, step), out=nearest_mm)
     one_drag = (float(drag[0, 0]), float(drag[0, 1])) if straight else (0.0, 0.0)
     level = way.pressed[row]
-    nodes, forces, depth_um = press_all(everywhere, gaps, level, newton=way.newton, drag=one_drag)
+    solved = press_steps(everywhere, gaps_at, nearest_mm, level, newton=way.newton, drag=one_drag)
+    forces = solved.forces_n
     if not forces.size:
         raise UsageError(f"{shape.name} touches the pad nowhere on its way")
     window = pad.spacing_mm / (fastest * every) if speed.any() else 1.0
     pressed = np.maximum(level, 0.0)
     part = pressed / np.maximum(_averaged(pressed, window), 1e-12)
-    averaged = part[:, None] * _averaged(forces, window)
+    total_n = np.zeros(row.size)
+    # Some nodes at a time: sums over all steps are in double precision.
+    width = max(1, _NUMBERS // row.size)
+    for first in range(0, forces.shape[1], width):
+        some = forces[:, first : first + width]
+        averaged = part[:, None] * _averaged(some, window)
+        total_n += averaged.sum(axis=1)
+        some[:] = averaged
     drags = drag[row] if friction else None
     knots, at = (each.astype(np.float64) for each in (row, samples))
-    depth_um = _averaged(depth_um, window) if way.newton else level
-    return Solved(nodes, averaged, depth_um, knots, at, drags)
+    depth_um = _averaged(solved.depth_um, window) if way.newton else level
+    return Solved(solved.nodes, forces, total_n, depth_um, knots, at, drags)
 
 
 def _averaged(values: FloatArray | SingleArray, window: float) -> FloatArray:
@@ -443,16 +478,6 @@ def _at_the_end(pad: Pad, nodes: SkinNodes, forces: FloatArray | SingleArray) ->
     """Whether the outermost columns of skin carry more than a hundredth of the force."""
     outermost = (nodes.column == 0) | (nodes.column == pad.x_mm.size - 1)
     return bool(forces[:, outermost].sum() > 0.01 * forces.sum())
-
-
-def between(knots: FloatArray, values: FloatArray | SingleArray, at: FloatArray) -> FloatArray:
-    """Values ``(S, ...)`` at rising `knots`, read at `at` along a monotone cubic."""
-    if np.array_equal(knots, at):
-        return np.asarray(values, dtype=np.float64)
-    from scipy.interpolate import PchipInterpolator
-
-    found: FloatArray = PchipInterpolator(knots, values, axis=0)(at)
-    return found
 
 
 def parameters_on(pad: Pad, parameters: str | ParameterSet | None) -> ParameterSet:
