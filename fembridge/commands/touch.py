@@ -26,15 +26,15 @@ EXAMPLE = "fembridge touch --shape braille:text=b --press-n 0.3 -o out"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
-    from fembridge.touching.touch import touch
+    from fembridge.touching.touch import DEFAULTS, touch
 
+    default = {name: f"default: {value}".removesuffix(".0") for name, value in DEFAULTS.items()}
     what = parser.add_argument_group("what touches")
     add_from(what, touch, shape=("SHAPE|FILE", "punch is a 1 mm pin"))
     what.add_argument(
         "--at-mm",
         type=float,
         nargs=2,
-        default=(0.0, 0.0),
         metavar=("X", "Z"),
         help="where its middle is at first, across and along the finger (default: 0 0)",
     )
@@ -42,10 +42,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_from(
         what,
         touch,
-        angle_deg=("DEG", "how far it is rotated"),
+        angle_deg=("DEG", f"how far it is rotated ({default['angle_deg']})"),
         pixel_mm=("MM", "of a height map"),
         relief_mm=("MM", relief),
-        friction=("MU", "while it slides"),
+        friction=("MU", f"while it slides ({default['friction']})"),
         pins=("CSV", "in place of a shape, pins x_mm,z_mm,diameter_mm,stimulus"),
     )
     how = parser.add_argument_group("how it moves")
@@ -56,11 +56,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         stimulus=({"also": "--waveform", "metavar": "ID|FILE"}, "its depth: sine_20_250"),
         press_um=("UM", "to this depth, or"),
         press_n=("N", "with this force: ramp and hold"),
-        ramp_ms=("MS", ""),
-        hold_ms=("MS", ""),
+        ramp_ms=("MS", default["ramp_ms"]),
+        hold_ms=("MS", default["hold_ms"]),
         slide_mm_per_s=("V", "slides at this speed, pressed all the time"),
-        direction_deg=("DEG", "0 is to the right, 90 towards the tip"),
-        duration_ms=("MS", ""),
+        direction_deg=(
+            "DEG",
+            f"0 is to the right, 90 towards the tip ({default['direction_deg']})",
+        ),
+        duration_ms=("MS", default["duration_ms"]),
         path=("CSV", "time_ms,x_mm,z_mm and depth_um or force_n"),
     )
     who = parser.add_argument_group("who feels it")
@@ -110,8 +113,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.animate:
         check_movie(Path(args.animate))
     result = touch(**words_of(args, touch), log=log)
-    if note := result.origin.get("note"):
-        log(note)
+    note = result.origin.get("note", "")  # a warning, too
     files: dict[str, Content] = {**result.tables()}
     if not args.no_plot:
         files |= {f"{name}.png": draw(result) for name, draw in PICTURES.items()}
@@ -141,7 +143,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {
         **written(args.output, names, ["touch.gif", *EXPORTED]),
         "way": result.way.name,
-        "note": note or "",
+        "note": note,
         "depth_um": depth_um,
         "force_n": force_n,
         "classes": classes,

@@ -112,9 +112,14 @@ class SkinNodes:
         return matrix
 
 
+def end_row(pad: Pad, half_length_mm: float = 0.5 * LATTICE_LENGTH_MM) -> int:
+    """The last row of nodes along the finger that a shape may touch."""
+    return 0 if pad.plane else int(half_length_mm / pad.spacing_mm)
+
+
 def skin_nodes(pad: Pad, half_length_mm: float = 0.5 * LATTICE_LENGTH_MM) -> SkinNodes:
     """All nodes that a shape may touch, up to so far from the middle along the finger."""
-    most = 0 if pad.plane else int(half_length_mm / pad.spacing_mm)
+    most = end_row(pad, half_length_mm)
     column, row = np.meshgrid(np.arange(pad.x_mm.size), np.arange(-most, most + 1), indexing="ij")
     return SkinNodes(pad, column.ravel(), row.ravel())
 
