@@ -29,6 +29,7 @@ _STEP_TOLERANCE = 1.0e-4
 # How many membranes are computed at once, and how many numbers of their currents and rows: of a
 # trace of an hour, or of a hundred thousand membranes, little is in memory beside the spikes.
 _MEMBRANES, _NUMBERS, _ROWS = 1 << 12, 1 << 21, 1 << 16
+_LEAST_ROWS = 64
 # ... of units, whose stress may take some time for each part.
 _UNIT_NUMBERS = 1 << 23
 
@@ -194,7 +195,7 @@ def _encoded(
     membrane = Membrane.joined([_membrane(one) for one in chosen.values()], sizes)
     samples = len(next(iter(stress.values())))
     step_ms = next(iter(chosen.values())).dt_ms
-    step = max(1, min(_ROWS, _NUMBERS // sum(sizes)))
+    step = max(_LEAST_ROWS, min(_ROWS, _NUMBERS // sum(sizes)))
     state = State.at_rest(sum(sizes))
     currents = [
         _currents(partial(_rows_of, stress[name]), samples, one, derivative, need, step)
@@ -311,7 +312,7 @@ def encode_units(
             mine = units[first : first + width]
             count = trials * mine.size * (1 + model.two_way)
             state = State.at_rest(count)
-            step = max(1, min(_ROWS, _UNIT_NUMBERS // count))
+            step = max(_LEAST_ROWS, min(_ROWS, _UNIT_NUMBERS // count))
             currents = _currents(
                 stress.of(mine), stress.samples, one, derivative, needs[np.newaxis, mine], step
             )

@@ -24,8 +24,8 @@ TRUSTED_UM = 1_000.0
 _END_SHARE = 0.01
 # States with less than this share of the largest force do not count.
 _LEAST_SHARE = 0.01
-# Parts narrower than so many distances between nodes lie under two nodes at most, and under one
-# or two as they happen to stand: the force changes by a fifth.
+# Parts narrower than so many distances of nodes lie on one or two nodes as they happen to stand:
+# the force on a pin of 0.4 mm changes by 17 % with that, of 0.5 mm by 8 %, of 1 mm by 1 %.
 NARROW = 1.75
 # Heights are sampled at so many places between two nodes, and compared up to so much below the
 # highest one, both as a share of the distance of nodes.
