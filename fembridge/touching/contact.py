@@ -64,7 +64,7 @@ MM_PER_UM = 1.0e-3
 _STEPS_AT_ONCE = 256
 # From so many nodes on that may touch, linear algebra takes all threads of the BLAS. Of fewer it
 # waits for its threads for longer than they work: 1 s of a grating pressed with 0.5 N took
-# twice the processor time, and on a busy machine several times the seconds (decision 0044).
+# twice the processor time, and on a busy machine several times the seconds (decision 0045).
 _NODES_FOR_THREADS = 3_000
 # More nodes than this are not solved as one dense problem.
 MOST_NODES = 6_000
