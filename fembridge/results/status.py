@@ -348,7 +348,10 @@ def _contradiction(rows: Sequence[Any]) -> str:
                 cases = before.load_case, before.load_case + 1
                 if row.load_case not in cases:
                     return f"row {number}: load case {row.load_case} comes after {cases[0]}"
-            if None not in (row.remeshings, before.remeshings) and row.remeshings < before.remeshings:
+            if (
+                None not in (row.remeshings, before.remeshings)
+                and row.remeshings < before.remeshings
+            ):
                 return f"row {number}, of increment {row.increment}: remeshings become fewer"
             for name in ("cycles", "separations", "cut_backs"):
                 total, last = getattr(row, f"total_{name}"), getattr(before, f"total_{name}")
