@@ -101,9 +101,12 @@ def check_cache() -> None:
     Raises
     ------
     UsageError
-        ``FEMBRIDGE_CACHE`` names a folder that has content and is no cache of fembridge.
+        ``FEMBRIDGE_CACHE`` names a file, or a folder that has content and is no cache of
+        fembridge.
     """
     cache = cache_folder()
+    if cache is not None and cache.is_file():
+        raise UsageError(f"{VARIABLE} is {cache}, a file, expected a folder or {OFF!r}")
     foreign = [] if cache is None else _foreign_names(cache)
     if foreign:
         more = ", ..." if len(foreign) > _MOST_SHOWN else ""
