@@ -20,7 +20,7 @@ from fembridge.touching.pad import Pad, pad_named
 from fembridge.touching.population import ENDINGS_MM, Population
 from fembridge.touching.shape import Shape
 from fembridge.touching.stress import between, driving_stress_pa
-from fembridge.touching.touch import PAD, check_range, parameters_on
+from fembridge.touching.touch import PAD, check_number, parameters_on
 from fembridge.touching.way import Way
 from fembridge.typing import BoolArray, FloatArray, IntArray
 from neural.encoder import encode_units
@@ -153,13 +153,13 @@ def receptive_field(
     own = parameters_on(skin, parameters).parameters
     if afferent not in tuple(own) or afferent not in skin.finger.afferents:
         raise UsageError(f"afferent {afferent!r}, expected one of {', '.join(own)}")
-    check_range("probe_diameter_mm", probe_diameter_mm, _LEAST_PROBE_MM, skin.reach_mm)
-    check_range("criterion", criterion, _LEAST, 1.0)
-    check_range("step_mm", step_mm, 0.1, 2.0)
+    check_number("probe_diameter_mm", probe_diameter_mm, _LEAST_PROBE_MM, skin.reach_mm)
+    check_number("criterion", criterion, _LEAST, 1.0)
+    check_number("step_mm", step_mm, 0.1, 2.0)
     depths, multiples = list(np.atleast_1d(depth_um)), list(np.atleast_1d(times_threshold))
     for name, values in (("depth_um", depths), ("times_threshold", multiples)):
         for value in values:
-            check_range(name, value, _LEAST, MOST_UM)
+            check_number(name, value, _LEAST, MOST_UM)
     depths = sorted(map(float, depths))
     half_mm = skin.reach_mm - 0.5 * probe_diameter_mm
     across = np.arange(-int(half_mm / step_mm), int(half_mm / step_mm) + 1.0) * step_mm
@@ -214,7 +214,7 @@ def _wave(frequency_hz: float | None) -> FloatArray:
     if frequency_hz is None:
         way = Way.hold(press_um=1.0, ramp_ms=_RAMP_MS, hold_ms=_HOLD_MS)
         return way.pressed
-    check_range("frequency_hz", frequency_hz, 1.0, 1000.0)
+    check_number("frequency_hz", frequency_hz, 1.0, 1000.0)
     times_ms = np.arange(int(_VIBRATION_MS / DT_MS) + 1) * DT_MS
     return np.asarray(np.sin(2 * np.pi * frequency_hz * times_ms / 1000.0))
 

@@ -44,7 +44,7 @@ PIN_MM, _PIN_UM = 1.0, 200.0
 # no kinks.
 DEEPEST_UM, _LEVELS = 600.0, 21
 # A unit may be this share of a row's thickness outside of the middles of rows.
-_BEYOND = 0.75
+_BEYOND = Pad.BEYOND_ROWS
 # Numbers that a block of endings takes at a time.
 _BLOCK = 4_000_000
 # Of a contact of so few states the stress of all of them is kept, and interpolated as needed.
@@ -113,16 +113,23 @@ class UnitStress:
 
     def _at_states(self, units: Population, begin: int, end: int) -> FloatArray:
         states, contact = slice(begin, end), self.contact
-        drag = None if contact.drag is None else contact.drag[states]
-        return driving_stress_pa(self.pad, contact.nodes, contact.forces_n[states], units, drag)
+        drag, forces = contact.drag, contact.forces_n[states]
+        if drag is None:
+            return driving_stress_pa(self.pad, contact.nodes, forces, units)
+        return driving_stress_pa(
+            self.pad, contact.nodes, forces, units, drag[states], turns=_turns(drag)
+        )
+
+
+def _turns(drag: FloatArray) -> bool:
+    """Whether drag ``(S, 2)`` changes its direction or size."""
+    return bool(np.abs(drag - drag[0]).max() >= 1e-6)
 
 
 def _some(units: Population, rows: IntArray) -> Population:
     """The units `rows` of a population."""
-    names = (
-        (each[row] for row in rows.tolist()) for each in (units.unit, units.afferent, units.layer)
-    )
-    unit, afferent, layer = map(tuple, names)
+    columns = (units.unit, units.afferent, units.layer)
+    unit, afferent, layer = (tuple(column[row] for row in rows.tolist()) for column in columns)
     return replace(
         units,
         unit=unit,
@@ -151,10 +158,13 @@ def driving_stress_pa(
     forces_n: FloatArray | SingleArray,
     units: Population,
     drag: FloatArray | None = None,
+    *,
+    turns: bool = False,
 ) -> FloatArray:
     """Stress that drives each unit ``(S, unit)`` in Pa under `forces_n` ``(S, node)``.
 
-    `drag` ``(S, 2)`` is the force along x and z that comes with 1 N into the skin. Of
+    `drag` ``(S, 2)`` is the force along x and z that comes with 1 N into the skin, the same in
+    all states unless it `turns`. Of
     the endings of a unit that counts whose stress, times its sensitivity, is largest.
 
     Raises
@@ -170,7 +180,7 @@ def driving_stress_pa(
     unit, x_mm, z_mm, sensitivity = units.endings()
     layer, depth_mm = np.array(units.layer)[unit], units.depth_mm[unit]
     reads_sa = (np.array(units.afferent) == "SA")[unit] & (not units.sa_von_mises)
-    straight = drag is None or bool(np.abs(drag - drag[0]).max() < 1e-6)
+    straight = drag is None or not turns
     forces = np.ascontiguousarray(forces_n, dtype=np.float32)
     if drag is not None and not straight:
         forces = np.concatenate([forces, forces * drag[:, :1], forces * drag[:, 1:]], axis=1)

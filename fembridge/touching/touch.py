@@ -42,7 +42,12 @@ from fembridge.touching.doubts import (
     warn,
 )
 from fembridge.touching.pad import Pad, pad_named
-from fembridge.touching.population import ENDINGS_MM, Population, population_named
+from fembridge.touching.population import (
+    ENDINGS_MM,
+    Population,
+    check_inside,
+    population_named,
+)
 from fembridge.touching.shape import SHAPES, Shape, shape_named
 from fembridge.touching.stress import Solved, UnitStress, between
 from fembridge.touching.way import Pins, Way, read_pins, way_of
@@ -58,7 +63,7 @@ POPULATION_FILE, TOUCH_FILE = "population.csv", "touch.csv"
 SPIKES_FILE, RATES_FILE = "spikes.csv", "rates.csv"
 
 # Friction of skin on what it touches (Ishizuka et al., 3.1), and the most that is solved.
-FRICTION, _MAX_FRICTION = 0.4, 5.0
+FRICTION, _MAX_FRICTION = 0.4, 10.0
 _MAX_TRIALS, _MAX_NOISE_MV = 10_000, 1_000.0
 # Depths at which contact is solved for a shape that goes in and out.
 LEVELS = 25
@@ -258,7 +263,7 @@ def touch(
     at_mm, angle_deg
         Where the shape's middle is at first, and how far it is rotated; (0, 0) and 0.
     friction
-        Of what slides, 0 to 5; 0.4.
+        Of what slides, 0 to 10; 0.4.
     population
         A `Population`, ``fingertip``, ``grid``, ``line``, ``one_each``, or a table.
     endings_mm
@@ -313,7 +318,7 @@ def touch(
     if preindent_um is not None and stimulus is None and pins is None:
         raise _unused("preindent_um", "a stimulus or pins")
     depth_um = chosen.preindent_um if preindent_um is None else preindent_um
-    check_range("preindent_um", depth_um, 0.0, MOST_UM)
+    check_number("preindent_um", depth_um, 0.0, MOST_UM)
     optional: dict[str, Any] = {
         "at_mm": at_mm, "angle_deg": angle_deg, "friction": friction, "ramp_ms": ramp_ms,
         "hold_ms": hold_ms, "direction_deg": direction_deg, "duration_ms": duration_ms,
@@ -387,10 +392,11 @@ def touch_skin(
         1.75 times the distance of nodes, a depth of more than 1 mm; all are also
         ``origin["note"]``.
     """
-    check_range("friction", friction, 0.0, _MAX_FRICTION)
-    check_range("repeats", trials, 1, _MAX_TRIALS, whole=True)
-    check_range("noise_mv", noise_mv, 0.0, _MAX_NOISE_MV)
-    check_range("seed", seed, 0, math.inf, whole=True)
+    check_number("friction", friction, 0.0, _MAX_FRICTION)
+    check_number("repeats", trials, 1, _MAX_TRIALS, whole=True)
+    check_number("noise_mv", noise_mv, 0.0, _MAX_NOISE_MV)
+    check_number("seed", seed, 0, math.inf, whole=True)
+    check_inside(pad, population)
     solved = _solved(pad, shape, way, friction)
     stress = UnitStress(pad, population, solved)
     fired = encode_units(
@@ -444,7 +450,9 @@ def _check_height_map(shape: str | Shape, pixel_mm: float | None, relief_mm: flo
         _refuse_unused({"relief_mm": relief_mm}, ("relief_mm",), "a picture; a table is in mm")
 
 
-def check_range(name: str, value: float, least: float, most: float, *, whole: bool = False) -> None:
+def check_number(
+    name: str, value: float, least: float, most: float, *, whole: bool = False
+) -> None:
     """Refuse what is no number from `least` to `most`, or no whole one.
 
     Raises
