@@ -43,7 +43,7 @@ _OF_NODES = {
     *("--extrapolate", "--von-mises", "--across-materials"),
 }
 # Of nodes themselves, not of elements.
-_NODAL = {"displacement", "reaction-force"}
+_NODAL = {"displacement", "reaction-force", "reaction force", "external force"}
 _SHOWN = 12  # nodes, a line each
 _ROWS_AT_ONCE = 1 << 16
 
@@ -175,7 +175,9 @@ def _uses(kind: str, suffix: str) -> tuple[Use, ...]:
         Use(
             "--across-materials",
             "stress or strain at nodes",
-            lambda args: kind == "traces" and not _is_nodal(args),
+            lambda args: (
+                kind == "traces" and suffix in (".frd", ".t16", ".t19") and not _is_nodal(args)
+            ),
         ),
         Use(
             "--extrapolate",
@@ -262,6 +264,23 @@ def _run(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
     return summary
 
 
+def _refuse_unused_units(
+    args: argparse.Namespace, options: "ReadOptions", quantity: str, units: Sequence[str]
+) -> None:
+    """Refuse a unit of stress where nothing, or the name of a column, is in another one."""
+    from fembridge.errors import UsageError
+    from fembridge.results.columns import stress_units_in
+
+    if "--stress-unit" not in args.given:
+        return
+    if not {"Pa", "N"} & set(units):
+        raise UsageError(f"--stress-unit is for stress or forces, not for {quantity}")
+    if options.columns:
+        unit, is_open = stress_units_in(options.columns, options.stress_unit)
+        if not is_open:
+            raise UsageError(f"--stress-unit is for columns whose names state no unit, not {unit}")
+
+
 def _units_taken(
     args: argparse.Namespace, options: "ReadOptions", summary: dict[str, Any], ours: bool
 ) -> str:
@@ -291,6 +310,8 @@ def _kind(args: argparse.Namespace, result: "Result") -> str:
     from fembridge.results.readers import PRINTS
 
     path, suffix = result.source.path, suffix_of(result.source.path)
+    if args.afferents and result.run is None and result.trouble is None:
+        raise UsageError(f"{path}: --afferents is for a file with a run.toml beside it")
     given = {"--node": args.node, "--set": args.sets, "--near": args.near}
     by_node = [word for word, value in given.items() if value]
     given = {"--list": args.list, "--vtu": args.vtu, "--field": args.field, "--point": args.point}
@@ -334,7 +355,7 @@ Written = tuple[dict[str, Any], str, list[str]]
 def _traces(args: argparse.Namespace, result: "Result") -> Written:
     """A quantity at chosen nodes, or traces at points, or of the afferents of ``run.toml``."""
     from fembridge.errors import UsageError
-    from fembridge.results.history import VON_MISES
+    from fembridge.results.history import STRESS, VON_MISES
     from fembridge.tables import write_origin, write_table
 
     quantity, origin = _one_quantity(args, result.source.path), None
@@ -364,9 +385,14 @@ def _traces(args: argparse.Namespace, result: "Result") -> Written:
         )
         if from_start and result.run is not None:
             origin = result.run.origin()
-    if "--stress-unit" in args.given and not {"Pa", "N"} & set(found.units):
-        raise UsageError(f"--stress-unit is for stress or forces, not for {found.quantity}")
+    _refuse_unused_units(args, result.source.options, found.quantity, found.units)
+    if found.quantity.lower() in _NODAL:  # by default, of a file without stress
+        for option in ("--extrapolate", "--across-materials"):
+            if option in args.given:
+                raise UsageError(f"{option} is for stress or strain, not for {found.quantity}")
     table = found.columns()
+    if _names(args) == {STRESS} and "von_mises_pa" in table:
+        raise UsageError(f"{result.source.path}: it holds von Mises stress, no tensor to take")
     plain = found.over_time and found.quantity == VON_MISES
     kind = "traces" if plain else found.quantity.lower().replace(" ", "_")
     kind = kind if found.over_time else f"modes_{kind}"
@@ -429,7 +455,7 @@ def _nothing_chosen(args: argparse.Namespace, result: "Result") -> bool:
         return False
     wants = "choose with --node N or all, --set NAME or --near X,Y"
     if args.afferents:
-        wants = "--afferents needs one"
+        wants = "--afferents needs them"
     if args.given & _OF_NODES:
         lacks = "no run.toml beside it" if result.run is None else "its run.toml has no afferents"
         raise UsageError(f"{result.source.path}: {lacks}; {wants}")
@@ -519,6 +545,7 @@ def _field(args: argparse.Namespace, result: "Result") -> Written:
     from fembridge.results.fields import write_field
 
     found = result.source.field(args.field, args.increment)
+    _refuse_unused_units(args, result.source.options, found.name, found.units)
     name = f"{found.name.lower().replace(' ', '_')}_{found.step}_{found.increment}"
     output: Path = args.output or Path(f"{result.source.path.stem}_{name}.npz")
     write_field(output, found)

@@ -59,6 +59,8 @@ LINES = {
     "cache": "",
     "doctor": "",
 }
+TRACES = "traces.csv --columns time_ms=time_ms,value=von_mises_pa"
+
 # Minutes each, or of the machine alone: only their words are read.
 COSTLY = {"validate", "verify", "study", "pad", "doctor"}
 
@@ -231,6 +233,11 @@ def test_a_use_names_options_that_there_are():
         ("ingest run_folder --list -o a.csv", "--output is for what is written"),
         ("ingest job.frd --list --stress-unit kPa", "--stress-unit is for stress and lengths"),
         ("ingest job.sta --stress-unit kPa", "--stress-unit is for stress"),
+        ("ingest job.frd --field DISP --stress-unit kPa", "for stress or forces"),
+        (f"ingest {TRACES} --stress-unit kPa", "for columns whose names state no unit, not Pa"),
+        (f"ingest {TRACES} --across-materials", "--across-materials is for stress or strain"),
+        (f"ingest {TRACES} --afferents", "--afferents is for a file with a run.toml"),
+        (f"ingest {TRACES} --quantity stress", "it holds von Mises stress, no tensor to take"),
         ("ingest job.sta --quantity stress", "--quantity is for a table at"),
         ("ingest run_folder --field STRESS --modes", "--modes is for a table at nodes, or --vtu"),
         ("ingest run_folder --vtu v --across-materials", "--across-materials is for stress"),
