@@ -88,7 +88,7 @@ class ColumnSource(Source):
     def _held(self) -> Table:
         if self.kind == "table":
             text = self.file.peek(0, _MOST_BYTES).decode("utf-8-sig", errors="replace")
-            return {"columns": header_in(text)[0]}
+            return {"columns": header_in(text, self.path)[0]}
         if self.kind == "npz":
             return {"arrays": {name: str(one.shape) for name, one in self._npz.items()}}
         points, count, frames = self._series()
