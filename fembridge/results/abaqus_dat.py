@@ -57,7 +57,8 @@ _STEP = re.compile(r" *S T E P +(\d{1,9}) .*")
 _ABOUT_TIME = re.compile(r" *INCREMENT +\S+ +SUMMARY|.*TIME (?:INCREMENT )?COMPLETED")
 _SET = re.compile(r"(?:NODE|ELEMENT) SET +(\S+)")
 _ROW = re.compile(
-    r" +(\d{1,18})((?: +\d{1,18})*?)(?: +[A-Z]{1,3})?((?: +[-+]?\d+\.\d*(?:E[-+]\d\d|[-+]\d{3})?)+) *"
+    r" +(\d{1,18})((?: +\d{1,18})*?)(?: +[A-Z]{1,3})?"
+    r"((?: +[-+]?\d+\.\d*(?:E[-+]\d\d|[-+]\d{3})?)+) *"
 )
 _TAILS = ("MAXIMUM", "MINIMUM", "TOTAL", "NODE", "ELEMENT", "AT ")  # of a table
 _FLOAT = re.compile(r"[-+]?\d+\.\d*(?:E?[-+]\d+)?")

@@ -15,6 +15,7 @@ real files. Time is taken as s, length as mm.
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
+from functools import cache
 from itertools import accumulate, islice, pairwise
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ SUCCESS = 3004
 """The exit number of a job of Marc that reached its end."""
 
 _REAL = re.compile(r" *[+-]?\d*\.\d*(?:[Ee][+-]?\d{1,3}|[+-]\d{2,3})? *")
+_NO_LETTER = re.compile(r"(?<=[\d.])(?=[+-])")
 _NOT_ZERO = re.compile(r" *[+-]?0*\.?0*[1-9]")
 _REAL_OF_MARC = re.compile(r" *[+-]?\d\.\d{4}(?:E[+-]\d{2}|[+-]\d{3}) *")
 _OVERFLOW = re.compile(r" *\*+ *")
@@ -142,7 +144,7 @@ def fortran(text: str) -> float:
     ValueError
         It is no number, or out of the range of float64.
     """
-    value = parse_number(re.sub(r"(?<=[\d.])(?=[+-])", "E", text))
+    value = parse_number(_NO_LETTER.sub("E", text))
     if value == 0.0 and _NOT_ZERO.match(text):
         raise ValueError(f"{text.strip()!r} is too small for a number of float64")
     return value
@@ -198,9 +200,14 @@ _STS: _Columns = (
 )  # fmt: skip
 
 
+@cache
+def _ends(widths: tuple[int, ...]) -> list[int]:
+    return list(accumulate(widths))
+
+
 def _row(kind: Callable[..., Any], columns: _Columns, line: str, path: Path, number: int) -> Any:  # noqa: ANN401
     """A `kind` of a line; by words, where the columns do not stand where they are known to."""
-    ends = list(accumulate(width for width, _ in columns))
+    ends = _ends(tuple(width for width, _ in columns))
     cells = [line[end - width : end] for end, (width, _) in zip(ends, columns, strict=True)]
     if kind is StsRow and len(line.split()) == len(columns):
         cells, line = line.split(), ""
