@@ -131,13 +131,13 @@ def simulate(
     >>> list(result.rates.columns)
     ['stimulus', 'afferent', 'rate_ips']
     """
-    import tempfile
     from contextlib import ExitStack
 
     from decks.analysis import Contact
     from decks.presets import finger_table
     from fembridge import simulation
     from fembridge.stimulus_file import stimuli_of
+    from fembridge.store import temporary_folder
     from fembridge.trace import finger_id
     from neural import parameter_set
 
@@ -157,7 +157,7 @@ def simulate(
     model = _model(finger, probe, Contact(), element, inertia, whole_section, law)
     with ExitStack() as stack:
         if output is None:
-            output = stack.enter_context(tempfile.TemporaryDirectory(prefix="fembridge-"))
+            output = stack.enter_context(temporary_folder())
         result = simulation.simulate(
             stimuli,
             model,

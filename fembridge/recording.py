@@ -28,6 +28,8 @@ from fembridge.version import __version__
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    import h5py
+
     from fembridge.simulation import Simulation
     from fembridge.touching.touch import Touch
 
@@ -239,8 +241,9 @@ class Recording:
     def _write_nwb(self, path: Path) -> None:
         with _library("nwb"):
             from pynwb import NWBHDF5IO
-        with NWBHDF5IO(path, "w") as file:
-            file.write(self.to_nwb())
+        with _hdf5_in_memory(path) as file, NWBHDF5IO(mode="w", file=file) as writer:
+            writer.write(self.to_nwb())
+            _copy_to_disk(file, path)
 
     def _write_neo(self, path: Path) -> None:
         block = self.to_neo()
@@ -252,8 +255,9 @@ class Recording:
         """Spikes and nodes of one population, `afferents`, in one file; trials end to end."""
         with _library("sonata"):
             import h5py
+
         time_ms = [self._one_clock_ms(unit) for unit in range(len(self.unit))]
-        with h5py.File(path, "w") as file:
+        with _hdf5_in_memory(path) as file:
             file.attrs["magic"] = np.uint32(_SONATA_MAGIC)
             file.attrs["version"] = np.array(_SONATA_VERSION, dtype=np.uint32)
             spikes = file.create_group("spikes/afferents")
@@ -277,6 +281,7 @@ class Recording:
             trials["repeat"] = np.array(self.repeat)
             trials["start_ms"] = self.trial_ms
             trials["stop_ms"] = self.trial_ms + self.end_ms
+            _copy_to_disk(file, path)
 
     # ---- To other libraries
 
@@ -452,6 +457,22 @@ def _library(name: str) -> "Iterator[None]":
     except ImportError as error:
         line = f"'fembridge[{name}]'" if name in FORMATS else name
         raise MissingError(f"{error}: install {name} first, pip install {line}") from error
+
+
+def _hdf5_in_memory(path: Path) -> "h5py.File":
+    """An open HDF5 file in memory, to be copied to `path`.
+
+    On a disk that is full HDF5 itself prints every error of its stack and may crash.
+    """
+    import h5py
+
+    return h5py.File(path.name, "w", driver="core", backing_store=False)
+
+
+def _copy_to_disk(file: "h5py.File", path: Path) -> None:
+    """Write an open HDF5 file of `_hdf5_in_memory` to `path`."""
+    file.flush()
+    path.write_bytes(file.id.get_file_image())
 
 
 def _in_rows(row: IntArray, time_ms: FloatArray, count: int) -> dict[str, Any]:

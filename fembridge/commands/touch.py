@@ -18,10 +18,72 @@ from pathlib import Path
 from typing import Any
 
 from fembridge.commands import Content, write_files, written
-from fembridge.commands.options import add_export_option, add_from, add_output_option, words_of
+from fembridge.commands.options import (
+    ABOVE_ZERO,
+    NUMBERS,
+    Number,
+    Use,
+    add_export_option,
+    add_from,
+    add_output_option,
+    names_a_file,
+    words_of,
+)
 from fembridge.terminal import log, print_table
 
 EXAMPLE = "fembridge touch --shape braille:text=b --press-n 0.3 -o out"
+
+_OF_A_SHAPE = "--shape --at-mm --angle-deg --pixel-mm --relief-mm --friction"
+_OF_A_WAVEFORM = "--stimulus or --pins, whose waveforms begin at that depth"
+
+USES = (
+    Use(_OF_A_SHAPE, "a shape, not for --pins", lambda args: args.pins is None),
+    Use(
+        "--pixel-mm",
+        "--shape FILE, a height map",
+        lambda args: _is_height_map(args.shape),
+    ),
+    Use(
+        "--relief-mm",
+        "--shape FILE, a picture",
+        lambda args: _is_height_map(args.shape) and not names_a_file([args.shape], ".csv", ".txt"),
+    ),
+    Use("--preindent-um", _OF_A_WAVEFORM, lambda args: args.stimulus or args.pins),
+    Use(
+        "--ramp-ms --hold-ms",
+        "--press-um or --press-n without --slide-mm-per-s",
+        lambda args: _is_pressed(args) and args.slide_mm_per_s is None,
+    ),
+    Use(
+        "--direction-deg --duration-ms",
+        "--slide-mm-per-s",
+        lambda args: args.slide_mm_per_s is not None,
+    ),
+    Use(
+        "--friction",
+        "a shape that slides: --slide-mm-per-s, --path, or --stimulus FILE.csv with aside_um",
+        lambda args: (
+            args.slide_mm_per_s is not None
+            or args.path
+            or names_a_file([args.stimulus or ""], ".csv")
+        ),
+    ),
+    Use("--seed", "--noise-mv more than 0", lambda args: args.noise_mv),
+)
+
+
+def _is_height_map(shape: str) -> bool:
+    """Whether `shape` is no known name, with sizes or without, but a file."""
+    from fembridge.touching.shape import SHAPES
+
+    return shape.partition(":")[0] not in SHAPES
+
+
+def _is_pressed(args: argparse.Namespace) -> bool:
+    """Whether a depth or a force says how the shape moves."""
+    ways = (args.stimulus, args.path, args.pins)
+    pressed = args.press_um is not None or args.press_n is not None
+    return pressed and not any(way is not None for way in ways)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +94,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_from(what, touch, shape=("SHAPE|FILE", "punch is a 1 mm pin"))
     what.add_argument(
         "--at-mm",
-        type=float,
+        type=NUMBERS["at_mm"],
         nargs=2,
         default=(0.0, 0.0),
         metavar=("X", "Z"),
@@ -58,7 +120,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         press_n=("N", "with this force: ramp and hold"),
         ramp_ms=("MS", ""),
         hold_ms=("MS", ""),
-        slide_mm_per_s=("V", "slides at this speed, pressed all the time"),
+        slide_mm_per_s=(
+            {"type": Number(ABOVE_ZERO, 1000), "metavar": "V"},
+            "slides at this speed, pressed all the time",
+        ),
         direction_deg=("DEG", "0 is to the right, 90 towards the tip"),
         duration_ms=("MS", ""),
         path=("CSV", "time_ms,x_mm,z_mm and depth_um or force_n"),

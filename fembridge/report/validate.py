@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from decks.presets import model_of, read_finger
@@ -31,7 +30,7 @@ from fembridge.response.deflection import Deflection, convergence, stored_deflec
 from fembridge.response.indentation import solve_response
 from fembridge.response.response_map import ResponseMap
 from fembridge.simulation import Simulation, encode_all, unlike_the_fit
-from fembridge.store import sha256_of
+from fembridge.store import sha256_of, temporary_folder
 from fembridge.tables import AFFERENTS, Rate, SpikeTrain
 from fembridge.trace import finger_id
 from neural import ParameterSet
@@ -177,8 +176,8 @@ def response_of(
             f"finger {finger!r} takes a solver, and there is no ccx on the PATH; install it "
             f"({SOLVER_INSTALL_LINE}), or give --response DIR of `fembridge simulate`"
         )
-    with TemporaryDirectory() as place:
-        _, solved = solve_response(Path(place), pressed, deepest_um, log=log)
+    with temporary_folder() as folder:
+        _, solved = solve_response(folder, pressed, deepest_um, log=log)
     return solved
 
 

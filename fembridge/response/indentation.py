@@ -100,6 +100,7 @@ _TIME_TOLERANCE = 1.0e-5
 # power of its elements, as `fembridge verify` measured from 1 600 to 39 700 of them.
 _ELEMENTS, _INCREMENT_S, _POWER = 3100, 0.45, 1.15
 _RUNS_SEEN = 20  # the last of the cache, of which an estimate is made
+_MOST_COST = 1e15  # of a record in seconds, increments or bytes: beyond it no run was
 _DECK_BYTES = 69.4
 """Of a deck of the reference fingers, an element."""
 
@@ -261,11 +262,12 @@ def attempts_for(depth_um: float, ladder: Sequence[Contact]) -> list[Attempt]:
 
 def increment_s(elements: float) -> float:
     """Seconds of an increment of a mesh of so many `elements`, as the last runs here took."""
-    shares: list[float] = [
-        record["wall_s"] / record["increments"] / (record["deck_bytes"] / _DECK_BYTES) ** _POWER
-        for record in (entry.record for entry in entries(_RUNS_SEEN))
-        if record.get("wall_s") and record.get("increments")
-    ]
+    shares: list[float] = []
+    for entry in entries(_RUNS_SEEN):
+        costs = [entry.record.get(name) for name in ("wall_s", "increments", "deck_bytes")]
+        if all(isinstance(cost, int | float) and 0 < cost < _MOST_COST for cost in costs):
+            wall_s, increments, deck_bytes = map(float, costs)  # type: ignore[arg-type] # numbers
+            shares.append(wall_s / increments / (deck_bytes / _DECK_BYTES) ** _POWER)
     share = statistics.median(shares) if shares else _INCREMENT_S / _ELEMENTS**_POWER
     return float(share * elements**_POWER)
 

@@ -19,7 +19,8 @@ from difflib import get_close_matches
 from fractions import Fraction
 from functools import cache, lru_cache
 from pathlib import Path
-from tempfile import NamedTemporaryFile, _TemporaryFileWrapper
+from tempfile import NamedTemporaryFile, TemporaryFile
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,7 @@ Characters = NDArray[np.uint8]  # of records of one length, ``(record, byte)``
 WINDOW_BYTES = 4096  # holds the header of a block with 100 components
 CHUNK_BYTES = 1 << 20
 LONGEST_LINE = 1 << 16
+_OPEN_FILES = Path("/proc/self/fd")
 # Formats whose lines are read one by one: what unpacks without limit is less of them.
 _READ_BY_LINES = (".dat", ".sta", ".cvg", ".sts", ".txt")
 _LEAST_POWER, _MOST_POWER, _HEAD_BITS = -105, 94, 29  # of E-99 behind six decimals
@@ -52,7 +54,7 @@ class ByteFile(AbstractContextManager["ByteFile"]):
         if path.suffix.lower() == ".gz" and path.is_file():
             about = path.stat()
             self._kept = _unpacked(path, about.st_size, about.st_mtime_ns)
-            self.place = Path(self._kept.name)
+            self.place = self._kept.path
         try:
             handle = os.open(self.place, os.O_RDONLY | os.O_NONBLOCK)
         except FileNotFoundError as error:
@@ -167,13 +169,29 @@ def suffix_of(path: Path) -> str:
     return Path(path.stem if packed else path).suffix.lower()
 
 
+class _Unpacked:
+    """The content of a gzip file in a temporary `file`, which goes with the last who has this.
+
+    On Linux it has no name, so that a kill leaves nothing.
+    """
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self.file = file
+        named = isinstance(file.name, str)
+        self.path = Path(file.name) if named else _OPEN_FILES / str(file.fileno())
+
+    def __del__(self) -> None:
+        self.file.close()
+
+
 @lru_cache(maxsize=1)
-def _unpacked(path: Path, size: int, written_ns: int) -> "_TemporaryFileWrapper[bytes]":
-    """The content of a gzip file of `size` bytes; removed when nothing has it any more."""
+def _unpacked(path: Path, size: int, written_ns: int) -> _Unpacked:
+    """The content of a gzip file of `size` bytes."""
     small_bytes = SMALL_BYTES // (8 if suffix_of(path) in _READ_BY_LINES else 1)
     done = 0
-    place = NamedTemporaryFile(suffix=suffix_of(path))  # noqa: SIM115 - kept by the cache
+    make = TemporaryFile if _OPEN_FILES.is_dir() else NamedTemporaryFile
     try:
+        unpacked = _Unpacked(make(suffix=suffix_of(path)))
         with path.open("rb") as raw, gzip.GzipFile(fileobj=raw) as packed:
             while block := packed.read(CHUNK_BYTES):
                 done += len(block)
@@ -181,11 +199,11 @@ def _unpacked(path: Path, size: int, written_ns: int) -> "_TemporaryFileWrapper[
                 if done > max(small_bytes, MAX_RATIO * read_bytes):
                     words = f"unpacks to more than {MAX_RATIO} times its {size} bytes"
                     raise ResultError(f"{words}: no results", path)
-                place.write(block)
-        place.flush()
+                unpacked.file.write(block)
+        unpacked.file.flush()
     except (OSError, EOFError, zlib.error) as error:
         raise ResultError(f"cannot be unpacked: {error}", path) from error
-    return place
+    return unpacked
 
 
 def text_lines(path: Path) -> Iterator[tuple[int, str, bool]]:

@@ -44,7 +44,7 @@ from fembridge.tables import write_table
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
 LAST = "last"  # increment
-_INCREMENT = re.compile(r"(?:(\d{1,9}):)?(\d{1,9})")
+_INCREMENT = re.compile(r"(?:(\d{1,9}):)?(\d{1,9})", re.ASCII)
 
 
 class Source(AbstractContextManager["Source"]):

@@ -21,7 +21,6 @@ import os
 import re
 import shutil
 import subprocess
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -39,7 +38,15 @@ from fembridge.run_folder import SOLVER_FILE, RunFolder, read_run_folder
 from fembridge.solver.process import signals_as_exits, start, stop
 from fembridge.solver.settings import DEFAULTS, OnProgress, Progress, SolverSettings
 from fembridge.solver.verdict import Cause, Failure, Outcome, find_card, judge, read_solver_log
-from fembridge.store import folder_lock, make_folder, read_toml, sha256_of, write_text, write_toml
+from fembridge.store import (
+    folder_lock,
+    make_folder,
+    read_toml,
+    sha256_of,
+    working_folder,
+    write_text,
+    write_toml,
+)
 from fembridge.typing import Table
 
 ENTRY_POINTS = "fembridge.solvers"
@@ -65,6 +72,8 @@ RECORD_FORMAT = 1
 REFERS = re.compile(r"(?im)^\s*\*(?:INCLUDE|RESTART|SUBMODEL)|^\s*\*.*,\s*(?:INPUT|FILE)\s*=")
 """Cards of a deck that read another file."""
 
+_GIVEN_UP = (Cause.DIVERGED, Cause.NEGATIVE_JACOBIAN)
+"""Ends of a run that are kept: the solver's own, which it would come to again."""
 _NAMED = (("finger", "name"), ("stimulus", "id"))
 """What of a run's inputs names it to a person."""
 
@@ -81,7 +90,14 @@ def run_folders(
     Each is run with the solver that its ``run.toml`` names, ``settings.jobs`` at the
     same time; with `force` also where whole results of the same deck are. All that is
     wrong with one folder is the failure in its outcome; nothing of it is raised.
+
+    Raises
+    ------
+    UsageError
+        As `run_ccx`, before any run.
     """
+    if settings.cache:
+        cache.check_cache()
     halt = threading.Event()
 
     def solve(one: tuple[Path, RunFolder | None]) -> Outcome:
@@ -138,7 +154,14 @@ def run_ccx(
     A run that is not accepted is an outcome, not an exception; what the solver left of
     it is in ``failed/``, and results of an earlier run are untouched. When another
     thread sets `halt`, the solver is stopped and the outcome is ``INTERRUPTED``.
+
+    Raises
+    ------
+    UsageError
+        The cache folder is no cache: see `fembridge.cache.check_cache`.
     """
+    if settings.cache:
+        cache.check_cache()
     failure = Failure(Cause.BAD_FOLDER, f"no {run.deck.name}", "build the deck again")
     if run.deck.is_file():
         try:
@@ -154,9 +177,11 @@ def run_ccx(
     return Outcome(run.folder, failure)
 
 
-def solve_once(run: RunFolder, settings: SolverSettings = DEFAULTS) -> Outcome:
+def solve_once(
+    run: RunFolder, settings: SolverSettings = DEFAULTS, halt: threading.Event | None = None
+) -> Outcome:
     """Outcome of `run`, which is solved unless whole results of its deck are there."""
-    return finished_outcome(run) or run_ccx(run, settings)
+    return finished_outcome(run) or run_ccx(run, settings, halt)
 
 
 def warnings_of(run: RunFolder, deck: Path) -> list[str]:
@@ -168,8 +193,7 @@ def warnings_of(run: RunFolder, deck: Path) -> list[str]:
     program = find_ccx()
     if program is None:
         return []
-    with tempfile.TemporaryDirectory() as name, contextlib.suppress(OSError):
-        work = Path(name)
+    with contextlib.suppress(OSError, OutputError), working_folder(run.folder) as work:
         for path in run.folder.iterdir():
             if path.is_file() and path.suffix not in (".frd", ".dat", ".toml"):
                 shutil.copyfile(path, work / path.name)
@@ -180,8 +204,9 @@ def warnings_of(run: RunFolder, deck: Path) -> list[str]:
             process.wait(READING_S)
             unread = []
         except subprocess.TimeoutExpired:
-            stop(process, grace_s=0)
             unread = [f"CalculiX had not read the deck after {READING_S:g} s: it may never"]
+        finally:
+            stop(process, grace_s=0)
         said = [each for each in read_solver_log(log).dropped if _NO_ANALYSIS not in each.text]
         lines = [each.card and find_card(deck, each.card) for each in said]
         places = [f"line {line}: " if line else "" for line in lines]
@@ -284,10 +309,16 @@ def _run(
 ) -> Outcome:
     """Run, judge, and put the files where they belong; the folder is locked for it."""
     work = run.folder / WORK_FOLDER
-    deck_sha256 = _begin(run, work)
-    key = _cache_key(program, run.deck, deck_sha256) if settings.cache else None
-    if key is not None and (known := cache.take(key, work)) is not None:
-        return _solved_before(run, work, known)
+    try:
+        deck_sha256 = _begin(run, work)
+        key = _cache_key(program, run.deck, deck_sha256) if settings.cache else None
+        if key is not None and (record := cache.take(key, work)) is not None:
+            if (outcome := _solved_before(run, work, record)) is not None:
+                return outcome
+            _begin(run, work)
+    except OutputError:  # half a deck, or half an entry, on a full disk
+        shutil.rmtree(work, ignore_errors=True)
+        raise
     watchdog = Watchdog(work, run, settings)
     begin_s = time.monotonic()
     words = ["-i", os.path.join(WORK_FOLDER, JOB)]  # noqa: PTH118 - a word for ccx
@@ -337,7 +368,14 @@ def _cache_key(program: Path, deck: Path, deck_sha256: str) -> str | None:
 
 
 def _begin(run: RunFolder, work: Path) -> str:
-    """Make `work` anew, with the deck in it; the checksum of that."""
+    """Make `work` anew, with the deck in it; the checksum of that.
+
+    Where `work` is there, a kill has left it, and what the solver had written outside.
+    """
+    if work.is_dir():
+        for name in FIXED_NAMES:
+            with contextlib.suppress(OSError):
+                (run.folder / name).unlink()
     for folder in (work, run.folder / FAILED_FOLDER):
         _remove(folder)
     make_folder(work)
@@ -348,16 +386,21 @@ def _begin(run: RunFolder, work: Path) -> str:
     return sha256_of(work / f"{JOB}.inp")
 
 
-def _solved_before(run: RunFolder, work: Path, known: Table) -> Outcome:
-    """The outcome of a run from the cache, whose files are in `work`, checked by it."""
-    if "cause" in known:
-        failure = Failure(Cause[known["cause"]], known["found"])
+def _solved_before(run: RunFolder, work: Path, record: Table) -> Outcome | None:
+    """The outcome of a run from the cache, whose files are in `work`; None: they are of none."""
+    cause, finding, version = (record.get(name) for name in ("cause", "found", "version"))
+    if cause is not None:
+        causes = {end.name: end for end in _GIVEN_UP if end.name == cause}
+        if not (causes and isinstance(finding, str) and isinstance(version, str)):
+            return None
+        failure = Failure(causes[cause], finding)
         _keep_evidence(run, work, failure)
-        return Outcome(run.folder, failure, cached=True, version=known["version"])
+        return Outcome(run.folder, failure, cached=True, version=version)
+    outcome = finished_outcome(replace(run, folder=work))
+    if outcome is None:
+        return None
     _publish(run, work)
-    outcome = finished_outcome(run)
-    assert outcome is not None
-    return replace(outcome, cached=True)
+    return replace(outcome, folder=run.folder, cached=True)
 
 
 def _into_cache(key: str, run: RunFolder, work: Path, outcome: Outcome) -> None:
@@ -370,7 +413,7 @@ def _into_cache(key: str, run: RunFolder, work: Path, outcome: Outcome) -> None:
     if failure is None:
         record |= {"wall_s": outcome.wall_s, "increments": outcome.increments}
         kept += (SOLVER_FILE, *(f"{JOB}{suffix}" for suffix in (".frd", ".dat", ".sta", ".cvg")))
-    elif failure.cause in (Cause.DIVERGED, Cause.NEGATIVE_JACOBIAN):
+    elif failure.cause in _GIVEN_UP:
         record |= {"cause": failure.cause.name, "found": failure.found}
         what = f"{what}: {failure.cause.value}"
     else:

@@ -48,6 +48,7 @@ from decks.probe import Probe
 from decks.stimuli import Entry
 from decks.waveform import make_stimulus
 from fembridge.build import stimulus_inputs
+from fembridge.cache import check_cache
 from fembridge.errors import (
     FembridgeError,
     FingerError,
@@ -576,6 +577,7 @@ def read_answers(place: Path) -> "pd.DataFrame":
 @cache
 def solver_version() -> str:
     """Name and version of the solver on this machine, as ``calculix 2.20``."""
+    check_cache()
     program = find_ccx()
     if program is None:
         raise MissingError(

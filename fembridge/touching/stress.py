@@ -42,7 +42,7 @@ PIN_MM, _PIN_UM = 1.0, 200.0
 # no kinks.
 DEEPEST_UM, _LEVELS = 600.0, 21
 # A unit may be this share of a row's thickness outside of the middles of rows.
-_BEYOND = 0.75
+_BEYOND = Pad.BEYOND_ROWS
 # Numbers that a block of units takes at a time.
 _BLOCK = 4_000_000
 

@@ -31,7 +31,12 @@ from fembridge.touching.contact import (
     skin_nodes,
 )
 from fembridge.touching.pad import Pad, pad_named
-from fembridge.touching.population import ENDINGS_MM, Population, population_named
+from fembridge.touching.population import (
+    ENDINGS_MM,
+    Population,
+    check_inside,
+    population_named,
+)
 from fembridge.touching.shape import Shape, shape_named
 from fembridge.touching.stress import driving_stress_pa
 from fembridge.touching.way import Pins, Way, read_pins, way_of
@@ -319,6 +324,7 @@ def touch_skin(
         raise UsageError(f"{trials} repeats, expected 1 to 10000")
     if seed < 0:
         raise UsageError(f"seed is {seed}, expected 0 or more")
+    check_inside(pad, population)
     if way.pins is not None:
         solved = _pinned(pad, way, way.pins)
     elif shape is None:

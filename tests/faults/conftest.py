@@ -56,8 +56,6 @@ def as_in_table(request, table):
     """Check that a line is what the table says of the test that asks."""
 
     def check(line):
-        if cut := re.search(r" \(whole: (.+)\)$", line):  # a deep folder makes it long
-            line = " ".join(Path(cut[1]).read_text(encoding="utf-8").splitlines())
         place = Path(request.node.path).relative_to(ROOT / "tests").as_posix()
         asking = (request.node.name, request.function.__name__)
         names = {f"{place}::{name}" for name in asking}
