@@ -305,13 +305,12 @@ def abaqus_sections(
 
 def _damage_of_table(table: _Open, closed: bool) -> str:
     """What is wrong with a table as a whole; "" where nothing is."""
-    where = f"the table from line {table.line}"
     if not closed:
-        return f"cut in {where}"
+        return f"cut in the table from line {table.line}"
     if not table.columns and not table.ended:
-        return f"no names of columns in {where}"
+        return f"no names of columns in the table from line {table.line}"
     if table.awaited:
-        return f"increment {table.increment} has no time before {where}"
+        return f"increment {table.increment} has no time before the table from line {table.line}"
     return ""
 
 

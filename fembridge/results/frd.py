@@ -94,6 +94,7 @@ _LONG_FIELD = re.compile(
     rb"|1\.#[A-Za-z]+|[Nn][Aa][Nn]|[Ii][Nn][Ff](?:inity)?)"
 )
 _LONG_FIELDS = re.compile(rb"(?:%s)+ *" % _LONG_FIELD.pattern)
+_SHORT_FIELD = re.compile(rb"\d\.\d{5}[Ee][+-]\d{2}")  # a blank or a sign is lost before it
 _NO_LINE_END = bytes.maketrans(b"\r\0", b"  ")
 _SEEK_BYTES = 1 << 16  # records within so few bytes are read in one go
 _FEW_NODES = 64  # whose elements are sought before they are converted
@@ -681,10 +682,12 @@ def irregular_records(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatA
                 nodes.append(int(front))
                 mark, front = b" -2", b""
             whole = (mark, front) == (b" -2", b"") and nodes and counts <= {width}
-            if not whole or not _LONG_FIELDS.fullmatch(rest):
+            fields = _LONG_FIELD.findall(rest)
+            whole = whole and _LONG_FIELDS.fullmatch(rest) is not None
+            if not whole or any(map(_SHORT_FIELD.fullmatch, fields)):
                 words = f"record {len(nodes)} of {block.records} has {line[:24]!r}"
                 raise ResultError(f"{block}: {words}", file.path)
-            values.extend(map(_number, _LONG_FIELD.findall(rest)))
+            values.extend(map(_number, fields))
     if len(nodes) != block.records or len(values) != width * len(nodes):
         words = f"{len(nodes)} of {block.records} records, {len(values)} values"
         raise ResultError(f"{block}: {words}", file.path)
