@@ -57,7 +57,8 @@ _STEP = re.compile(r" *S T E P +(\d{1,9}) .*")
 _ABOUT_TIME = re.compile(r" *INCREMENT +\S+ +SUMMARY|.*TIME (?:INCREMENT )?COMPLETED")
 _SET = re.compile(r"(?:NODE|ELEMENT) SET +(\S+)")
 _ROW = re.compile(
-    r" +(\d{1,18})((?: +\d{1,18})*?)(?: +[A-Z]{1,3})?((?: +[-+]?\d+\.\d*(?:E[-+]\d\d|[-+]\d{3})?)+) *"
+    r" +(\d{1,18})((?: +\d{1,18})*?)(?: +[A-Z]{1,3})?"
+    r"((?: +[-+]?\d+\.\d*(?:E[-+]\d\d|[-+]\d{3})?)+) *"
 )
 _TAILS = ("MAXIMUM", "MINIMUM", "TOTAL", "NODE", "ELEMENT", "AT ")  # of a table
 _FLOAT = re.compile(r"[-+]?\d+\.\d*(?:E?[-+]\d+)?")
@@ -304,13 +305,12 @@ def abaqus_sections(
 
 def _damage_of_table(table: _Open, closed: bool) -> str:
     """What is wrong with a table as a whole; "" where nothing is."""
-    where = f"the table from line {table.line}"
     if not closed:
-        return f"cut in {where}"
+        return f"cut in the table from line {table.line}"
     if not table.columns and not table.ended:
-        return f"no names of columns in {where}"
+        return f"no names of columns in the table from line {table.line}"
     if table.awaited:
-        return f"increment {table.increment} has no time before {where}"
+        return f"increment {table.increment} has no time before the table from line {table.line}"
     return ""
 
 

@@ -94,6 +94,8 @@ _LONG_FIELD = re.compile(
     rb"|1\.#[A-Za-z]+|[Nn][Aa][Nn]|[Ii][Nn][Ff](?:inity)?)"
 )
 _LONG_FIELDS = re.compile(rb"(?:%s)+ *" % _LONG_FIELD.pattern)
+_SHORT_FIELD = re.compile(rb"\d\.\d{5}[Ee][+-]\d{2}")  # a blank or a sign is lost before it
+_EXPONENT = re.compile(rb"[Ee][+-](?:(0)\d\d(?!\.)|\d\d(?!\d(?!\.)))")
 _NO_LINE_END = bytes.maketrans(b"\r\0", b"  ")
 _SEEK_BYTES = 1 << 16  # records within so few bytes are read in one go
 _FEW_NODES = 64  # whose elements are sought before they are converted
@@ -667,6 +669,7 @@ def irregular_records(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatA
     head, nodes, values = block.form.head_bytes, array("q"), array("d")
     width = len(block.form.stored)
     counts: set[int] = set()  # of values in the records that are whole
+    exponents: set[bool] = set()  # whether they are filled up to three digits: all or none
     while at < end:
         text = file.take(at, min(_TEXT_BYTES, end - at))
         text = text if at + len(text) == end else text[: text.rfind(b"\n") + 1]
@@ -681,13 +684,18 @@ def irregular_records(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatA
                 nodes.append(int(front))
                 mark, front = b" -2", b""
             whole = (mark, front) == (b" -2", b"") and nodes and counts <= {width}
-            if not whole or not _LONG_FIELDS.fullmatch(rest):
+            fields = _LONG_FIELD.findall(rest)
+            whole = whole and _LONG_FIELDS.fullmatch(rest) is not None
+            if not whole or any(map(_SHORT_FIELD.fullmatch, fields)):
                 words = f"record {len(nodes)} of {block.records} has {line[:24]!r}"
                 raise ResultError(f"{block}: {words}", file.path)
-            values.extend(map(_number, _LONG_FIELD.findall(rest)))
+            values.extend(map(_number, fields))
+            exponents.update(map(bool, _EXPONENT.findall(rest)))
     if len(nodes) != block.records or len(values) != width * len(nodes):
         words = f"{len(nodes)} of {block.records} records, {len(values)} values"
         raise ResultError(f"{block}: {words}", file.path)
+    if len(exponents) > 1:
+        raise ResultError(f"{block}: exponents of two digits and of three, as E-030", file.path)
     return np.array(nodes, dtype=np.int64), np.array(values).reshape(-1, width)
 
 
@@ -1149,7 +1157,7 @@ class FrdSource(FieldSource[FrdBlock]):
         """
         mesh = self._mesh_nodes
         inside: BoolArray = np.ones(nodes.size, dtype=np.bool_)
-        before = self._last_nodes.get(block.name)
+        before = self._last_nodes.get(block.name) or self._neighbour(block)
         self._last_nodes[block.name] = block, nodes
         if self._index.nodes is not None and not np.array_equal(nodes, mesh):
             inside = is_in_sorted(nodes, self._sorted_mesh_nodes)
@@ -1173,6 +1181,17 @@ class FrdSource(FieldSource[FrdBlock]):
                 if self._changes <= _MOST_CHANGES:
                     self.options.note(f"{words}{more}: nodes of a step stay the same")
         return inside
+
+    def _neighbour(self, block: FrdBlock) -> tuple[FrdBlock, IntArray] | None:
+        """A block of the same quantity, step and count, of a part of the mesh, and its nodes."""
+        mesh = self._index.nodes
+        if mesh is None or block.records == mesh.records or _CONTACT.match(block.name):
+            return None
+        alike = block.name, block.key[0], block.records
+        for other in self._index.named(block.name):
+            if other is not block and (other.name, other.key[0], other.records) == alike:
+                return other, node_ids(self.file, other)
+        return None
 
     def _contradicted(
         self, block: FrdBlock, nodes: IntArray, values: FloatArray | None

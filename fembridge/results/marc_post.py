@@ -354,6 +354,8 @@ class PostFile:
                 raise ValueError(f"a frequency of {reals[1]:g} is no frequency")
         except ValueError as error:
             raise PostDamageError(str(error), layout.start + offset) from error
+        if self.increments and number < (before := self.increments[-1].increment):
+            self.remarks.append(f"increment {number} comes after increment {before}")
         one = (len(self.increments), number, sub, reals[0], harmonic, reals[1], layout, offset)
         self.increments.append(PostIncrement(*one))
 
