@@ -12,6 +12,9 @@ asked for. Beside those of ``__all__`` there are ``Shape`` and ``Population`` fo
 formats, ``ResponseMap``, ``read_observed`` and ``touchsim_rates``.
 """
 
+from fembridge import interrupt as _interrupt  # noqa: F401 - first: the rest takes long
+
+# isort: split
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path

@@ -1,8 +1,9 @@
 """The command line: one verb for each arrow of the pipeline, one verb for all.
 
 A verb is a module of ``fembridge.commands`` with a docstring, an ``EXAMPLE`` and
-two functions: ``add_arguments(parser)`` and ``run(args) -> summary``. Only the
-verb that was asked for is imported, so ``fembridge --help`` costs next to nothing.
+two functions: ``add_arguments(parser)`` and ``run(args) -> summary``; ``USES`` lists options
+that only some ways of the verb use. Only the verb that was asked for is imported, so
+``fembridge --help`` costs next to nothing.
 
 What a verb prints is for people. A summary is a dict; ``--json`` prints it alone, as
 strict JSON, where a number that is not finite becomes null, with its ``warnings`` and its
@@ -30,9 +31,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn
 
-from fembridge.commands.options import Words, invalid_choice
+from fembridge import interrupt
+from fembridge.commands.options import Words, check_uses, invalid_choice
 from fembridge.errors import FembridgeError, FembridgeWarning, UsageError
-from fembridge.terminal import INTERRUPTED, PlainStream, PrintError, error_line, log
+from fembridge.interrupt import INTERRUPTED
+from fembridge.terminal import PlainStream, PrintError, error_line, log
 from fembridge.version import __version__
 
 VERBS = {
@@ -66,6 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     nothing here. 130 is Ctrl-C. What is neither one of our errors nor one of the system
     is a bug of ours and keeps its traceback.
     """
+    words = list(sys.argv[1:] if argv is None else argv)
     _open_what_is_closed()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # a path may be more than ASCII
@@ -75,7 +79,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             redirect_stdout(PlainStream(sys.stdout)),
             redirect_stderr(PlainStream(sys.stderr)),
         ):
-            code = _run(list(sys.argv[1:] if argv is None else argv))
+            try:
+                code = _run(words)
+            except KeyboardInterrupt as error:
+                interrupt.ignore_from_now_on()
+                code = _refused(error, INTERRUPTED, "--json" in words, "interrupted")
+            interrupt.ignore_from_now_on()
             sys.stdout.flush()
     except PrintError as error:
         os.dup2(os.open(os.devnull, os.O_RDWR), error.number)  # else what is left fails at exit
@@ -100,6 +109,8 @@ def _run(words: list[str]) -> int:
         if command is None:
             parser.print_help()
             return 0
+        args.given = _given_options(words, parser)
+        check_uses(args, getattr(command, "USES", ()))
     except SystemExit as stop:  # argparse: help, version
         return stop.code if isinstance(stop.code, int) else 0
     except FembridgeError as error:
@@ -114,9 +125,9 @@ def _run(words: list[str]) -> int:
             redirect_stdout(StringIO()) if args.json else nullcontext(),
             _printed_warnings() as warned,
         ):
+            interrupt.raise_from_now_on()
             summary = command.run(args)
-    except KeyboardInterrupt as error:
-        return _refused(error, INTERRUPTED, as_json, "interrupted")
+            interrupt.ignore_from_now_on()
     except MemoryError as error:
         problem = "the memory is too small for this file or request"
         return _refused(error, 1, as_json, problem)
@@ -188,6 +199,11 @@ def _in_options(error: Exception, parser: argparse.ArgumentParser) -> str:
 class _Parser(argparse.ArgumentParser):
     """A parser whose misuse is an error of ours, in one line, with the near words."""
 
+    def __init__(self, *args: Any, **options: Any) -> None:  # noqa: ANN401 - as argparse has it
+        super().__init__(*args, **options)
+        # Python before 3.14 takes -1e-3 for an option.
+        self._negative_number_matcher = _NEGATIVE_NUMBER
+
     def error(self, message: str) -> NoReturn:
         hint = "" if message.endswith("?") else f"; see {self.prog} --help"
         raise UsageError(f"{message}{hint}")
@@ -197,7 +213,7 @@ class _Parser(argparse.ArgumentParser):
         known = _options_of(self)
         for word in words[: words.index("--")] if "--" in words else words:
             name = word.partition("=")[0]
-            if re.match(r"--?[A-Za-z]\S*$", name) and not {name, word[:2]} & known:
+            if re.match(r"--?[A-Za-z]\S*$", name) and not {name, word[:2]} & set(known):
                 from fembridge.store import near_hint
 
                 verb = next((word for word in words if not word.startswith("-")), "")
@@ -234,11 +250,14 @@ class _Parser(argparse.ArgumentParser):
             at = end
         try:
             namespace, left = super().parse_known_args(found, namespace)
-        except UsageError:
+        except UsageError as error:
             if last is None:
                 raise
             found[last] = found[last].partition("=")[2]
-            return super().parse_known_args(found, namespace)
+            try:
+                return super().parse_known_args(found, namespace)
+            except UsageError:
+                raise error from None
         if left and ends:
             action, word = ends[0]
             try:
@@ -247,10 +266,25 @@ class _Parser(argparse.ArgumentParser):
                 self.error(str(error))
         return namespace, left
 
+    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:  # noqa: ANN401
+        """Values of `action`: an empty text is none, such as a variable that a script left empty.
+
+        Nor is ``--``, which Python before 3.13 takes out of ``--output=--``.
+        """
+        if action.nargs not in (argparse.PARSER, argparse.REMAINDER):
+            separator = ["--"] if action.option_strings else []
+            for text in ("", *separator):
+                if text in arg_strings:
+                    raise argparse.ArgumentError(action, f"expected a value, got {text!r}")
+        return super()._get_values(action, arg_strings)
+
     def _check_value(self, action: argparse.Action, value: Any) -> None:  # noqa: ANN401
         choices = list(map(str, action.choices or ()))
         if choices and value not in (action.choices or ()):
             raise argparse.ArgumentError(action, invalid_choice(str(value), choices))
+
+
+_NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
 
 
 def _is_option(word: str) -> bool:
@@ -258,13 +292,25 @@ def _is_option(word: str) -> bool:
     return re.match(r"-\.?\d", word) is None and word.startswith("-") and len(word) > 1
 
 
-def _options_of(parser: argparse.ArgumentParser) -> set[str]:
+def _options_of(parser: argparse.ArgumentParser) -> dict[str, argparse.Action]:
     """Options of `parser` and of those below it, as they are written."""
-    known = set(parser._option_string_actions)
+    known = dict(parser._option_string_actions)
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
-            known.update(*map(_options_of, action.choices.values()))
+            for child in action.choices.values():
+                known |= _options_of(child)
     return known
+
+
+def _given_options(words: Sequence[str], parser: argparse.ArgumentParser) -> frozenset[str]:
+    """Options that `words` hold, each by its first name in full, as ``--output`` of ``-o``."""
+    known = _options_of(parser)
+    names = set()
+    for word in words[: words.index("--")] if "--" in words else words:
+        name = word.partition("=")[0]
+        if action := known.get(name) or (None if word[:2] == "--" else known.get(word[:2])):
+            names.add(next(one for one in action.option_strings if one.startswith("--")))
+    return frozenset(names)
 
 
 def _parser(words: Sequence[str]) -> tuple[argparse.ArgumentParser, ModuleType | None]:

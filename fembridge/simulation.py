@@ -8,12 +8,12 @@
                `fembridge.response.indentation.why_no_map`.
 """
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from zipfile import ZipFile
 
 import numpy as np
 
@@ -31,6 +31,8 @@ from fembridge.errors import (
     UsageError,
 )
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
+from fembridge.memory import check_memory
+from fembridge.npz import ArrayHeader, NpzFile
 from fembridge.response.indentation import (
     CONTACT_CAUSES,
     LADDER,
@@ -48,7 +50,15 @@ from fembridge.run_folder import RUN_FILE, RunFolder, read_run_folder, read_wave
 from fembridge.solver.ccx import finished_outcome, run_folders
 from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.stimulus import Stimulus
-from fembridge.store import filling, read_toml, remove_file, replacing, sha256_of, write_toml
+from fembridge.store import (
+    filling,
+    near_hint,
+    read_toml,
+    remove_file,
+    replacing,
+    sha256_of,
+    write_toml,
+)
 from fembridge.tables import Rate, SpikeTrain, spikes_frame, write_rates, write_spikes
 from fembridge.trace import Origin, StressTrace, Traces, finger_id, stacked
 from fembridge.typing import FloatArray, Table
@@ -77,8 +87,9 @@ FINGER_FILE = "finger.toml"
 RUNS_FOLDER = "runs"
 LONG_S = 600.0
 """What takes longer is only begun when somebody says so."""
-MAX_TRACES_BYTES = 1 << 31
-"""Of ``traces.npz`` that is read, once unpacked."""
+_ARRAYS = ("stimulus", "afferent", "dt_ms", "displacement_um", "von_mises_pa")
+_TRACE_BYTES = 1 << 10  # of the objects of a trace, beside its samples
+_COPIES = 2  # of the samples: those of the file, and those of its traces
 PICTURES = ("raster", "psth", "isi", "rates")
 # A file that is asked for is looked for so many folders below; so many are named.
 _DEPTH, _MOST_NAMED = 2, 3
@@ -620,28 +631,68 @@ def stimuli_in(folder: Path) -> FolderStimuli:
 
 
 def arrays_in(path: Path) -> tuple[dict[str, FloatArray], Traces]:
-    """Of a simulation's NPZ: waveforms in um by their ids, and the traces of all."""
-    try:
-        with ZipFile(path) as archive:
-            if sum(one.file_size for one in archive.infolist()) > MAX_TRACES_BYTES:
-                raise ValueError(f"more than {MAX_TRACES_BYTES} bytes")
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            dt_ms, names = float(arrays["dt_ms"]), arrays["stimulus"].tolist()
-            afferents = arrays["afferent"].tolist()
-            depth_um, stress_pa = arrays["displacement_um"], arrays["von_mises_pa"]
-        if not names or (len(names), len(afferents)) != (len(depth_um), stress_pa.shape[-1]):
-            raise ValueError(f"{len(names)} stimuli, {len(depth_um)} waveforms")
-        sizes = [int(np.isfinite(row).sum()) for row in depth_um]  # NaN behind the end
-        traces = Traces(
-            StressTrace(row[:size, k], dt_ms, 0, afferent, stimulus=name)
-            for name, row, size in zip(names, stress_pa, sizes, strict=True)
-            for k, afferent in enumerate(afferents)
+    """Of a simulation's NPZ: waveforms in um by their ids, and the traces of all.
+
+    Raises
+    ------
+    ResultError
+        An array is unknown, missing or of another shape, or is not finite before its end.
+    """
+    failed = ResultError.at(path)
+    with NpzFile(path, failed) as archive:
+        _check_arrays(archive.headers, failed)
+        names, afferents = archive.read_texts("stimulus"), archive.read_texts("afferent")
+        for kind, texts in (("stimulus", names), ("afferent", afferents)):
+            if len(set(texts)) != len(texts) or not all(texts):
+                raise failed(f"{kind} has names that are empty or duplicate")
+        dt_ms = float(archive.read_reals("dt_ms"))
+        depth_um = archive.read_reals("displacement_um", _COPIES)
+        stress_pa = archive.read_reals("von_mises_pa", _COPIES)
+    if not (math.isfinite(dt_ms) and dt_ms > 0):
+        raise failed(f"dt_ms is {dt_ms:g}, expected more than 0")
+    if (stress_pa < 0).any():
+        raise failed(f"von_mises_pa is {stress_pa[stress_pa < 0][0]:g}, expected 0 or more")
+    rows: dict[str, FloatArray] = {}
+    traces = Traces()
+    for row, name in enumerate(names):
+        size = int((~np.isnan(depth_um[row])).sum())
+        arrays = {"displacement_um": depth_um[row][:, None], "von_mises_pa": stress_pa[row]}
+        for key, array in arrays.items():  # NaN behind the end of a shorter stimulus alone
+            if size < 2 or not np.isfinite(array[:size]).all() or not np.isnan(array[size:]).all():
+                raise failed(f"{key} of {name} is not finite in all its {size} samples")
+        rows[name] = depth_um[row][:size]
+        traces.extend(
+            StressTrace(stress_pa[row, :size, column], dt_ms, 0, afferent, stimulus=name)
+            for column, afferent in enumerate(afferents)
         )
-    except Exception as error:  # whatever a damaged archive makes of the parser
-        found = " ".join(str(error).split())[:120]
-        raise ResultError(f"not as fembridge simulate writes it: {found}", path) from error
-    rows = (row[:size] for row, size in zip(depth_um, sizes, strict=True))
-    return dict(zip(names, rows, strict=True)), traces
+    return rows, traces
+
+
+def _check_arrays(
+    headers: Mapping[str, ArrayHeader | None], failed: Callable[[str], ResultError]
+) -> None:
+    """Refuse arrays of a simulation's NPZ that are missing, unknown or of other shapes."""
+    for name in headers:
+        if name not in _ARRAYS:
+            hint = near_hint(name, _ARRAYS)
+            raise failed(f"unknown array {name}, expected {', '.join(_ARRAYS)}{hint}")
+    shapes = {name: header.shape for name, header in headers.items() if header is not None}
+    if missing := [name for name in _ARRAYS if name not in shapes]:
+        raise failed(f"no array {missing[0]}: not as fembridge simulate writes it")
+    stress_shape = shapes["von_mises_pa"]
+    if len(stress_shape) != 3 or 0 in stress_shape:
+        raise failed(f"von_mises_pa has shape {stress_shape}, expected (stimulus, T, afferent)")
+    stimuli, samples, afferents = stress_shape
+    expected = {
+        "stimulus": (stimuli,),
+        "afferent": (afferents,),
+        "dt_ms": (),
+        "displacement_um": (stimuli, samples),
+    }
+    for name, shape in expected.items():
+        if shapes[name] != shape:
+            raise failed(f"{name} has shape {shapes[name]}, expected {shape} as von_mises_pa has")
+    check_memory(_TRACE_BYTES * stimuli * afferents, f"{stimuli} stimuli", failed)
 
 
 def _simulation(folder: Path) -> FolderStimuli:

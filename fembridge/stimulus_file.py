@@ -27,6 +27,7 @@ from decks.stimuli import (
     DT_MS,
     MAX_AMPLITUDE_UM,
     MAX_SAMPLES,
+    Noise,
     named,
 )
 from decks.waveform import make_stimulus
@@ -92,6 +93,8 @@ def stimuli_of(
                     f"--{option} ({argument}=) is for a waveform in {kind}, and none is named"
                 )
         made += [read_stimulus(one, preindent_um, dt_ms, full_scale_um, log) for one in files]
+        if seed is not None and not any(isinstance(entry, Noise) for entry in entries):
+            raise UsageError("--seed (seed=) is for noise, and none is named")
         made += [make_stimulus(entry, preindent_um, seed) for entry in entries]
     names = [one.id for one in made]
     if len(set(names)) < len(names):

@@ -367,7 +367,8 @@ def read_bytes(path: Path, max_bytes: int, error: MakeError) -> bytes:
     try:
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size  # of a pipe 0
-            content = b"" if size > max_bytes else file.read(max_bytes + 1)
+            # A buffer of this size is taken before the first byte is read.
+            content = b"" if size > max_bytes else file.read((size or max_bytes) + 1)
     except OSError as problem:
         raise error(f"{path}: cannot be read: {problem.strerror}") from problem
     if max(size, len(content)) > max_bytes:

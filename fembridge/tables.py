@@ -30,6 +30,7 @@ from decks.unit_system import UNIT_SYSTEMS
 from fembridge.errors import TableError, TraceError, UsageError
 from fembridge.number import parse_number
 from fembridge.store import (
+    near_hint,
     read_bytes,
     read_toml,
     remove_file,
@@ -540,10 +541,14 @@ class TextTable:
         return TableError(problem, self.path, int(self.lines[row]))
 
 
-def read_table(source: "Path | pd.DataFrame", columns: Sequence[str] = ()) -> TextTable:
+def read_table(
+    source: "Path | pd.DataFrame",
+    columns: Sequence[str] = (),
+    optional: Sequence[str] | None = None,
+) -> TextTable:
     """A CSV table, which must have `columns`, as text; of a DataFrame a line is a row, from 1.
 
-    Lines that begin with # are no rows.
+    Lines that begin with # are no rows. Where `optional` is given, it has no other columns.
 
     Raises
     ------
@@ -555,7 +560,7 @@ def read_table(source: "Path | pd.DataFrame", columns: Sequence[str] = ()) -> Te
 
     if isinstance(source, pd.DataFrame):
         path, header = _FRAME, tuple(map(str, source.columns))
-        _check_header(header, columns, path)
+        _check_header(header, columns, path, optional=optional)
         cells = source.set_axis(range(len(header)), axis=1)
         words = cells.select_dtypes(exclude="number")
         cells[words.columns] = words.astype(object).where(words.notna(), "").map(str)
@@ -567,7 +572,7 @@ def read_table(source: "Path | pd.DataFrame", columns: Sequence[str] = ()) -> Te
         header = tuple(name.strip() for name in next(rows, ()))
         if not header:
             raise TableError(f"empty, expected a header {','.join(columns)}".strip(), path)
-        _check_header(header, columns, path, 1 + above.count("\n"))
+        _check_header(header, columns, path, 1 + above.count("\n"), optional)
         if "#" in text:
             blank = "," * (len(header) - 1) or '""'
             text = re.sub("^#.*", blank, text, flags=re.MULTILINE)
@@ -668,7 +673,13 @@ def _decoded(path: Path, errors: str = "strict") -> str:
         raise TableError(f"{found} is not UTF-8", path, line) from error
 
 
-def _check_header(header: Sequence[str], columns: Sequence[str], path: Path, line: int = 1) -> None:
+def _check_header(
+    header: Sequence[str],
+    columns: Sequence[str],
+    path: Path,
+    line: int = 1,
+    optional: Sequence[str] | None = None,
+) -> None:
     for separator, name in _SEPARATORS.items():
         if len(header) == 1 and separator in header[0]:
             raise TableError(f"{header[0]!r} is separated by {name}, expected commas", path, line)
@@ -678,6 +689,15 @@ def _check_header(header: Sequence[str], columns: Sequence[str], path: Path, lin
             raise TableError(
                 f"{found} column {name} in {','.join(header)!r}, "
                 f"expected a header with {','.join(columns)}",
+                path,
+                line,
+            )
+    for name in () if optional is None else header:
+        names = (*columns, *(optional or ()))
+        if name not in names or header.count(name) > 1:
+            problem = "duplicate" if name in names else "unknown"
+            raise TableError(
+                f"{problem} column {name!r}, expected {', '.join(names)}{near_hint(name, names)}",
                 path,
                 line,
             )

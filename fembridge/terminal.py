@@ -20,9 +20,6 @@ if TYPE_CHECKING:
 
     from fembridge.solver.settings import Progress
 
-INTERRUPTED = 130
-"""Exit code of what Ctrl-C ended: 128 + SIGINT, as shells have it."""
-
 MOST_LINES = 30
 """Of a table on the screen; the rest is in a file."""
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from fembridge.errors import UsageError
 from fembridge.evidence import CRITERIA
+from fembridge.number import parse_number
 from fembridge.response.response_map import ResponseMap
 from fembridge.stimulus import Stimulus
 from fembridge.typing import BoolArray, FloatArray
@@ -55,8 +56,8 @@ def frequencies_of(words: str) -> list[float]:
     low, colon, high = words.partition(":")
     try:
         if not colon:
-            return [float(word) for word in words.split(",")]
-        lowest_hz, highest_hz = float(low), float(high)
+            return [parse_number(word) for word in words.split(",")]
+        lowest_hz, highest_hz = parse_number(low), parse_number(high)
     except ValueError:
         raise UsageError(f"frequencies {words!r}, expected as 5:800 or 10,50,200") from None
     if not LOWEST_HZ <= lowest_hz <= highest_hz <= HIGHEST_HZ:

@@ -15,11 +15,19 @@ unless --partial takes what is whole.
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import Several, Words, column
+from fembridge.commands.options import (
+    NODE,
+    NUMBERS,
+    Several,
+    Use,
+    Words,
+    check_uses,
+    column,
+)
 
 if TYPE_CHECKING:
     from fembridge.results import Result
@@ -28,27 +36,37 @@ if TYPE_CHECKING:
 EXAMPLE = "fembridge ingest sine_20_250/job.frd -o traces.csv"
 LAST = "last"  # increment
 ALL = "all"  # nodes
+_SELECTIONS = {"--node", "--set", "--near", "--afferents", "--point", "--field", "--vtu"}
+# Without a choice of nodes they would do nothing.
+_OF_NODES = {
+    *("--afferents", "--output", "--quantity", "--resample-ms", "--modes", "--deck"),
+    *("--extrapolate", "--von-mises", "--across-materials"),
+}
+# Of nodes themselves, not of elements.
+_NODAL = {"displacement", "reaction-force", "reaction force", "external force"}
 _SHOWN = 12  # nodes, a line each
 _ROWS_AT_ONCE = 1 << 16
 
 
 def node(text: str) -> int | str:
     """A number, or ``all``."""
-    return text if text == ALL else int(text)
+    return text if text == ALL else int(NODE(text))
 
 
 def place(text: str) -> tuple[float, ...]:
     """``X,Y`` or ``X,Y,Z``."""
-    values = tuple(float(word) for word in text.split(","))
+    values = tuple(map(NUMBERS["near_mm"], text.split(",")))
     if len(values) not in (2, 3):
-        raise ValueError(text)
+        raise argparse.ArgumentTypeError(f"{text!r}, expected X,Y or X,Y,Z")
     return values
 
 
 def point(text: str) -> tuple[int, int]:
     """``ELEMENT:POINT``."""
-    element, _, number = text.partition(":")
-    return int(element), int(number)
+    element, colon, number = text.partition(":")
+    if not colon:
+        raise argparse.ArgumentTypeError(f"{text!r}, expected ELEMENT:POINT")
+    return int(NODE(element)), int(NODE(number))
 
 
 _MANY: dict[str, Any] = {"action": Several}
@@ -83,7 +101,7 @@ _OPTIONS: dict[str, Sequence[tuple[str, str, dict[str, Any]]]] = {
          "allow nodes between two materials, where stress is a mean over both", _YES),
         ("--resample-ms", "an even step, by PCHIP of the stress tensor or of the --quantity; "
          "nothing before the first or after the last increment is made up",
-         {"type": float, "metavar": "DT"}),
+         {"type": NUMBERS["resample_ms"], "metavar": "DT"}),
         ("--modes", "the modes of frequency and buckling steps, of a file that has times too",
          _YES),
         ("--one-sided", "of such --node, the stress in each material separately; of a .frd from "
@@ -119,6 +137,65 @@ _OPTIONS: dict[str, Sequence[tuple[str, str, dict[str, Any]]]] = {
         ("--print-set", "of which set, if several are printed", {"metavar": "NAME"}),
     ),
 }  # fmt: skip
+
+
+def _uses(kind: str, suffix: str) -> tuple[Use, ...]:
+    """What options are for, where `kind`, see `_kind`, is taken of a file with this `suffix`."""
+    from fembridge.results.history import VON_MISES
+
+    of_dat = kind == "table" and suffix == ".dat"
+
+    def kinds(*names: str) -> Callable[[argparse.Namespace], bool]:
+        return lambda args: kind in names
+
+    return (
+        Use("--output", "what is written, not for --list", lambda args: not args.list),
+        Use(
+            "--stress-unit --length-unit",
+            "stress and lengths, which are not taken here",
+            lambda args: of_dat or not (args.list or kind == "table"),
+        ),
+        Use("--deck", "--set", lambda args: args.sets),
+        Use("--set --near", "chosen nodes, not for --node all", lambda args: args.node != [ALL]),
+        Use("--print-set", "--point", kinds("point")),
+        Use("--increment", "--field", kinds("field")),
+        Use("--derived", "--vtu", kinds("vtu")),
+        Use(
+            "--quantity",
+            "a table at nodes or points, a table of a .dat, or --vtu",
+            lambda args: of_dat or kind in ("traces", "point", "vtu"),
+        ),
+        Use("--resample-ms", "a table at nodes or points", kinds("traces", "point")),
+        Use("--modes", "a table at nodes, or --vtu", kinds("traces", "vtu")),
+        Use(
+            "--von-mises",
+            "von Mises stress at nodes",
+            lambda args: kind == "traces" and _names(args) <= {VON_MISES},
+        ),
+        Use(
+            "--across-materials",
+            "stress or strain at nodes",
+            lambda args: (
+                kind == "traces" and suffix in (".frd", ".t16", ".t19") and not _is_nodal(args)
+            ),
+        ),
+        Use(
+            "--extrapolate",
+            "values carried to nodes",
+            lambda args: kind in ("traces", "sides", "field", "vtu") and not _is_nodal(args),
+        ),
+        Use("--one-sided", "--node N of a .frd, .t16 or .t19", kinds("sides")),
+    )
+
+
+def _names(args: argparse.Namespace) -> set[str]:
+    """Quantities that --quantity names, in lower case."""
+    return {name.lower() for name in args.quantity or ()}
+
+
+def _is_nodal(args: argparse.Namespace) -> bool:
+    """Whether all that --quantity names is of nodes, without elements."""
+    return bool(args.quantity) and _names(args) <= _NODAL
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -163,7 +240,8 @@ def _run(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
         if is_marc_deck(path):
             return _deck(args, path)
     kind = _kind(args, result)
-    foreign = kind == "traces" and result.run is None
+    check_uses(args, _uses(kind, suffix))
+    foreign = kind == "traces" and (result.run is None or not result.run.afferents)
     if kind == "list" or (foreign and _nothing_chosen(args, result)):
         held = result.source.describe()
         ways = [] if kind == "list" else _ways(args, result)
@@ -184,6 +262,23 @@ def _run(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
     if not args.json:
         print(f"{summary['output']}: {words}", *(f"  {row}" for row in rows), sep="\n")
     return summary
+
+
+def _refuse_unused_units(
+    args: argparse.Namespace, options: "ReadOptions", quantity: str, units: Sequence[str]
+) -> None:
+    """Refuse a unit of stress where nothing, or the name of a column, is in another one."""
+    from fembridge.errors import UsageError
+    from fembridge.results.columns import stress_units_in
+
+    if "--stress-unit" not in args.given:
+        return
+    if not {"Pa", "N"} & set(units):
+        raise UsageError(f"--stress-unit is for stress or forces, not for {quantity}")
+    if options.columns:
+        unit, is_open = stress_units_in(options.columns, options.stress_unit)
+        if not is_open:
+            raise UsageError(f"--stress-unit is for columns whose names state no unit, not {unit}")
 
 
 def _units_taken(
@@ -215,6 +310,8 @@ def _kind(args: argparse.Namespace, result: "Result") -> str:
     from fembridge.results.readers import PRINTS
 
     path, suffix = result.source.path, suffix_of(result.source.path)
+    if args.afferents and result.run is None and result.trouble is None:
+        raise UsageError(f"{path}: --afferents is for a file with a run.toml beside it")
     given = {"--node": args.node, "--set": args.sets, "--near": args.near}
     by_node = [word for word, value in given.items() if value]
     given = {"--list": args.list, "--vtu": args.vtu, "--field": args.field, "--point": args.point}
@@ -232,20 +329,12 @@ def _kind(args: argparse.Namespace, result: "Result") -> str:
         (len(asked) > 1, " and ".join(asked[:2]) + " do not go together"),
         (printed and word not in ("", "--list", "--point"), f"{word} is for a .frd, .t16 or .t19"),
         (args.point and suffix != ".dat", "--point is for a .dat"),
-        (args.increment != LAST and word != "--field", "--increment is for --field"),
-        (args.derived and word != "--vtu", "--derived is for --vtu"),
         (
             sides and (printed or by_node != ["--node"]),
             "--one-sided is for the --node of a .frd, .t16 or .t19",
         ),
         (sides and args.von_mises, "--one-sided and --von-mises do not go together"),
         (sides and ALL in (args.node or ()), "--one-sided takes numbers of nodes"),
-        (
-            (whole or sides or (printed and word != "--point"))
-            and (args.resample_ms is not None or (args.modes and word != "--vtu")),
-            "--resample-ms and --modes are for a table at nodes or points (--modes for --vtu, too)",
-        ),
-        (whole and args.von_mises, f"{word} and --von-mises do not go together"),
     )
     for wrong, words in misuse:
         if wrong:
@@ -266,7 +355,7 @@ Written = tuple[dict[str, Any], str, list[str]]
 def _traces(args: argparse.Namespace, result: "Result") -> Written:
     """A quantity at chosen nodes, or traces at points, or of the afferents of ``run.toml``."""
     from fembridge.errors import UsageError
-    from fembridge.results.history import VON_MISES
+    from fembridge.results.history import STRESS, VON_MISES
     from fembridge.tables import write_origin, write_table
 
     quantity, origin = _one_quantity(args, result.source.path), None
@@ -296,7 +385,14 @@ def _traces(args: argparse.Namespace, result: "Result") -> Written:
         )
         if from_start and result.run is not None:
             origin = result.run.origin()
+    _refuse_unused_units(args, result.source.options, found.quantity, found.units)
+    if found.quantity.lower() in _NODAL:  # by default, of a file without stress
+        for option in ("--extrapolate", "--across-materials"):
+            if option in args.given:
+                raise UsageError(f"{option} is for stress or strain, not for {found.quantity}")
     table = found.columns()
+    if _names(args) == {STRESS} and "von_mises_pa" in table:
+        raise UsageError(f"{result.source.path}: it holds von Mises stress, no tensor to take")
     plain = found.over_time and found.quantity == VON_MISES
     kind = "traces" if plain else found.quantity.lower().replace(" ", "_")
     kind = kind if found.over_time else f"modes_{kind}"
@@ -352,16 +448,17 @@ def _one_quantity(args: argparse.Namespace, path: Path) -> str | None:
 
 
 def _nothing_chosen(args: argparse.Namespace, result: "Result") -> bool:
-    """Whether a foreign file was named and no nodes: it is listed then."""
+    """Whether neither the user nor a run names nodes: the file is listed then."""
     from fembridge.errors import UsageError
 
     if args.node or args.sets or args.near or result.named_nodes():
         return False
     wants = "choose with --node N or all, --set NAME or --near X,Y"
     if args.afferents:
-        wants = "--afferents needs one"
-    if args.afferents or args.output or args.quantity or args.resample_ms or args.modes:
-        raise UsageError(f"{result.source.path}: no run.toml beside it; {wants}")
+        wants = "--afferents needs them"
+    if args.given & _OF_NODES:
+        lacks = "no run.toml beside it" if result.run is None else "its run.toml has no afferents"
+        raise UsageError(f"{result.source.path}: {lacks}; {wants}")
     return True
 
 
@@ -448,6 +545,7 @@ def _field(args: argparse.Namespace, result: "Result") -> Written:
     from fembridge.results.fields import write_field
 
     found = result.source.field(args.field, args.increment)
+    _refuse_unused_units(args, result.source.options, found.name, found.units)
     name = f"{found.name.lower().replace(' ', '_')}_{found.step}_{found.increment}"
     output: Path = args.output or Path(f"{result.source.path.stem}_{name}.npz")
     write_field(output, found)
@@ -483,7 +581,8 @@ def _deck(args: argparse.Namespace, path: Path) -> dict[str, Any]:
     from decks.marc.contents import describe_marc_deck
     from fembridge.errors import UsageError
 
-    if not args.list:
+    check_uses(args, _uses("list", ".dat"))
+    if not args.list or args.given & _SELECTIONS:
         raise UsageError(
             f"{path}: a Marc deck, no results; --list shows what it holds, results "
             f"are in {path.stem}.t16 or {path.stem}.t19"

@@ -9,7 +9,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from fembridge.commands.options import add_from, words_of
+from fembridge.commands.options import NUMBERS, add_from, words_of
 from fembridge.solver.settings import SolverSettings
 from fembridge.terminal import log
 
@@ -23,13 +23,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_from(parser, simulate, "finger")
     parser.add_argument(
         "--spacing-mm",
-        type=float,
+        type=NUMBERS["spacing_mm"],
         metavar="MM",
         help="between nodes that may touch (default: 0.25, of a plane pad 0.0625)",
     )
     parser.add_argument(
         "--reach-mm",
-        type=float,
+        type=NUMBERS["reach_mm"],
         default=4.5,
         metavar="MM",
         help="they lie so far to both sides of the apex, along the skin (default: 4.5)",

@@ -8,7 +8,15 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import Several, Words, add_from, add_probe_options, window
+from fembridge.commands.options import (
+    NUMBERS,
+    PROBE_USES,
+    Several,
+    Words,
+    add_from,
+    add_probe_options,
+    window,
+)
 from fembridge.errors import UsageError
 from fembridge.terminal import log
 
@@ -23,12 +31,14 @@ if TYPE_CHECKING:
 
 EXAMPLE = "fembridge plot mesh --finger paper -o mesh.pdf"
 
+USES = PROBE_USES
+
 _TABLES = (".csv", ".md")
 _PREINDENT: tuple[str, str, dict[str, Any]] = (
     "--preindent-um",
     "depth of the probe before time 0, where no simulation.toml or run.toml is beside the "
     "table that has it",
-    {"type": float, "metavar": "DEPTH"},
+    {"type": NUMBERS["preindent_um"], "metavar": "DEPTH"},
 )
 _FILE: dict[str, Any] = {"type": Path, "metavar": "FILE|DIR"}
 _CLASSES: dict[str, Any] = {"choices": ("SA", "RA", "PC"), "action": Several}
@@ -48,7 +58,7 @@ _COUNTED: _Options = (
 
 def _bins(width_ms: float) -> _Options:
     """Option of the width of a bin."""
-    how = {"type": float, "default": width_ms, "metavar": "MS"}
+    how = {"type": NUMBERS["bin_ms"], "default": width_ms, "metavar": "MS"}
     return (("--bin-ms", f"width of a bin (default: {width_ms:g})", how),)
 
 
@@ -97,7 +107,7 @@ _PICTURES: dict[str, tuple[str, str, _Options]] = {
             *_OF_SPIKES,
             *_bins(1.0),
             ("--longest-ms", "end of the axis (default: the longest interval)",
-             {"type": float, "metavar": "MS"}),
+             {"type": NUMBERS["longest_ms"], "metavar": "MS"}),
         ),
     ),
     "rates": (
@@ -120,8 +130,9 @@ _PICTURES: dict[str, tuple[str, str, _Options]] = {
             ("ids", "sine_20_250, a set as sine_20, noise or all, a waveform's path; commas "
              "join several", {"nargs": "+", "metavar": "ID|FILE"}),
             ("--preindent-um", "depth of the probe before time 0 (default: 0)",
-             {"type": float, "default": 0.0, "metavar": "DEPTH"}),
-            ("--seed", "draw other noise than the catalogue's (>= 0)", {"type": int}),
+             {"type": NUMBERS["preindent_um"], "default": 0.0, "metavar": "DEPTH"}),
+            ("--seed", "draw other noise than the catalogue's (>= 0)",
+             {"type": NUMBERS["seed"]}),
         ),
     ),
     "sensitivity": (
@@ -252,6 +263,7 @@ def _trace(args: argparse.Namespace) -> "Drawn":
         [name, *others] = there or [stimulus.id for stimulus in written.stimuli]
         name = None if others else name
     waveform = _waveform(args, name, written) if name else None
+    _refuse_depth_of(waveform, args)
     shown = [one for one in traces if not there or one.stimulus == (args.stimulus or there[0])]
     return trace_figure(shown, waveform=waveform), {
         "stimulus": waveform.id if waveform else None,
@@ -302,6 +314,7 @@ def _spikes(args: argparse.Namespace) -> "Drawn":
     if len(rows) == 1 and (stimuli or args.stimulus):
         stimuli = [_waveform(args, rows[0], written)]
         [drawn["waveform"]] = stimuli
+    _refuse_depth_of(drawn["waveform"], args)
     windows_ms = {args.window_ms} if args.window_ms else {one.window_ms for one in stimuli}
     drawn["window_ms"] = windows_ms.pop() if len(windows_ms) == 1 else None
     draw = spikes.raster_figure if args.picture == "raster" else spikes.psth_figure
@@ -332,6 +345,14 @@ def _waveform(args: argparse.Namespace, word: str, written: "FolderStimuli") -> 
         words = "the probe is drawn without pre-indentation: none is recorded beside the table"
         log(f"{args.table}: {words}; --preindent-um DEPTH sets it")
     return stimuli[0]
+
+
+def _refuse_depth_of(waveform: "Stimulus | None", args: argparse.Namespace) -> None:
+    """Refuse --preindent-um where no waveform is drawn."""
+    if waveform is None and args.preindent_um is not None:
+        raise UsageError(
+            "--preindent-um is for a waveform that is drawn: --stimulus ID, a single one"
+        )
 
 
 def _rates(args: argparse.Namespace) -> "Drawn":

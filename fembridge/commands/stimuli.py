@@ -16,7 +16,14 @@ import os
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import WAVE, Words, add_from, option, words_of
+from fembridge.commands.options import (
+    WAVE,
+    Use,
+    Words,
+    add_from,
+    names_a_file,
+    words_of,
+)
 from fembridge.terminal import log
 
 if TYPE_CHECKING:
@@ -27,6 +34,18 @@ if TYPE_CHECKING:
     from fembridge.stimulus import Stimulus
 
 EXAMPLE = "fembridge stimuli --export csv sine_20_250,noise_25_250 -o waveforms/"
+
+USES = (
+    Use("--output --preindent-um --seed", "--export", lambda args: args.export),
+    Use(
+        "--dt-ms", "a waveform in .npy", lambda args: names_a_file(args.ids + args.waveform, ".npy")
+    ),
+    Use(
+        "--full-scale-um",
+        "a waveform in .wav",
+        lambda args: names_a_file(args.ids + args.waveform, ".wav"),
+    ),
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,14 +69,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """List or export; the summary holds every stimulus or every file."""
-    from fembridge.errors import UsageError
-
     args.ids += args.waveform
     if args.export:
         return _export(args)
-    for name in ("output", "preindent_um", "seed"):
-        if getattr(args, name) is not None:
-            raise UsageError(f"{option(name)} is for --export, which was not given")
     return _list(args)
 
 
@@ -159,13 +173,10 @@ def _made(args: argparse.Namespace, words: "Sequence[str | Path]") -> "list[Stim
 def _export(args: argparse.Namespace) -> dict[str, Any]:
     from contextlib import ExitStack
 
-    from fembridge.errors import UsageError
     from fembridge.stimulus_file import write_stimulus
     from fembridge.store import filling
 
     made = _made(args, args.ids)
-    if args.seed is not None and not any("seed" in one.origin for one in made):
-        raise UsageError("--seed is for noise, and no noise was named")
     # All files of one export share their scale: a sound card plays them as loud as they are.
     peak_um = max(float(abs(one.displacement_um).max()) for one in made)
     files = []

@@ -20,7 +20,7 @@ from fembridge.errors import ResponseError
 from fembridge.results.stress import TENSOR, energy_stress_pa, von_mises_pa
 from fembridge.run_folder import AfferentNode
 from fembridge.stimulus import Stimulus
-from fembridge.store import read_sealed, write_sealed
+from fembridge.store import near_hint, read_sealed, write_sealed
 from fembridge.trace import StressTrace
 from fembridge.typing import FloatArray, Table
 from neural.models import Model, model_of
@@ -36,7 +36,18 @@ ENERGY = "energy"
 IN_PLANE = 4
 """Components of a tensor that plane strain has: xx, yy, zz, xy."""
 _DEEP = "_deep"
-_PLACE = ("node", "layer", "x_mm", "y_mm", "depth_mm")
+_LENGTHS = ("x_mm", "y_mm", "depth_mm", "z_mm")
+_PLACE_KEYS = ("node", "layer", *_LENGTHS)
+_STRESS_KEYS = tuple(f"{name}_pa" for name in TENSOR[:IN_PLANE])
+_KEYS = (
+    "sha256",
+    "format",
+    "closure_percent",
+    "depth_um",
+    "force_n_per_mm",
+    "origin",
+    "afferents",
+)
 
 Models: TypeAlias = Mapping[str, Model] | Mapping[str, AfferentParameters]
 """By class of afferents: rows of the table of drives, or parameters."""
@@ -167,7 +178,7 @@ class ResponseMap:
         """Poisson's ratio of the layer in which an afferent lies."""
         try:
             return float(self.origin["finger"]["materials"][place.layer]["poisson"])
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise ResponseError(
                 f"the response has no Poisson's ratio of {place.layer}, in which "
                 f"{place.afferent} lies: no energy can be taken of its stress"
@@ -191,8 +202,8 @@ def write_map(path: Path, response: ResponseMap) -> None:
             place.afferent: {
                 **place.to_table(),
                 **{
-                    f"{name}_pa": response.tensor_pa[:, column, k].tolist()
-                    for k, name in enumerate(TENSOR[:IN_PLANE])
+                    key: response.tensor_pa[:, column, component].tolist()
+                    for component, key in enumerate(_STRESS_KEYS)
                 },
             }
             for column, place in enumerate(response.places)
@@ -205,26 +216,72 @@ def read_map(path: Path) -> ResponseMap:
     """Read a map that `write_map` wrote."""
     table = read_sealed(path, "response map", FORMAT)
     try:
+        _check_keys(table, _KEYS, "the map")
         afferents = table["afferents"]
-        stored_pa = np.array(  # (afferent, component, K)
-            [[place[f"{name}_pa"] for name in TENSOR[:IN_PLANE]] for place in afferents.values()],
-            dtype=np.float64,
-        )
-        tensor_pa = np.zeros((stored_pa.shape[-1], len(afferents), len(TENSOR)))
-        tensor_pa[..., :IN_PLANE] = np.moveaxis(stored_pa, -1, 0)
+        for name, place in afferents.items():
+            _check_keys(place, (*_PLACE_KEYS, *_STRESS_KEYS), name)
+        depth_um = _reals(table["depth_um"], "depth_um")
+        tensor_pa = np.zeros((depth_um.size, len(afferents), len(TENSOR)))
+        for column, (name, place) in enumerate(afferents.items()):
+            for component, key in enumerate(_STRESS_KEYS):
+                stress_pa = _reals(place[key], f"{key} of {name}")
+                if stress_pa.shape != depth_um.shape:
+                    raise ValueError(
+                        f"{key} of {name} has {stress_pa.size} numbers, expected {depth_um.size}"
+                    )
+                tensor_pa[:, column, component] = stress_pa
+        if not afferents:
+            raise ValueError("no afferents")
+        closure_percent, origin = table["closure_percent"], table["origin"]
+        if not isinstance(closure_percent, float | int) or not isinstance(origin, Mapping):
+            raise TypeError("closure_percent or origin is of another kind")
         return ResponseMap(
-            depth_um=np.array(table["depth_um"]),
+            depth_um=depth_um,
             tensor_pa=tensor_pa,
-            force_n_per_mm=np.array(table["force_n_per_mm"]),
-            places=tuple(
-                AfferentNode(name, *(place.get(key) for key in _PLACE))
-                for name, place in afferents.items()
-            ),
-            closure_percent=float(table["closure_percent"]),
-            origin=table["origin"],
+            force_n_per_mm=_reals(table["force_n_per_mm"], "force_n_per_mm"),
+            places=tuple(_place_in(name, place) for name, place in afferents.items()),
+            closure_percent=float(closure_percent),
+            origin=origin,
         )
-    except (KeyError, TypeError, ValueError, AttributeError, ResponseError) as error:
-        raise ResponseError(f"{path}: not a response map: {error}") from error
+    except (
+        KeyError,
+        TypeError,
+        ValueError,
+        AttributeError,
+        OverflowError,
+        ResponseError,
+    ) as error:
+        problem = f"no {error} in it" if isinstance(error, KeyError) else str(error)
+        raise ResponseError(f"{path}: not a response map: {problem}") from error
+
+
+def _check_keys(table: Mapping[str, Any], expected: Sequence[str], name: str) -> None:
+    """Refuse a key that no version has written."""
+    for key in table:
+        if key not in expected:
+            raise ValueError(f"unknown key {key!r} of {name}{near_hint(key, expected)}")
+
+
+def _reals(numbers: object, name: str) -> FloatArray:
+    """Finite numbers ``(n,)`` of a list in a table."""
+    if not isinstance(numbers, list) or any(type(number) not in (int, float) for number in numbers):
+        raise ValueError(f"{name} is no list of numbers")
+    reals = np.array(numbers, dtype=np.float64)
+    if not np.isfinite(reals).all():
+        raise ValueError(f"{name} is not finite everywhere")
+    return reals
+
+
+def _place_in(name: str, table: Mapping[str, Any]) -> AfferentNode:
+    """Where the afferent `name` sits."""
+    node, layer = table["node"], table["layer"]
+    if type(node) is not int or node < 1 or not isinstance(layer, str):
+        raise ValueError(f"node {node!r} of {name} in layer {layer!r}")
+    lengths_mm: list[Any] = [table.get(key) for key in _LENGTHS]
+    if None in lengths_mm[:2]:
+        raise ValueError(f"the place of {name} has no x_mm or y_mm")
+    _reals([length_mm for length_mm in lengths_mm if length_mm is not None], f"the place of {name}")
+    return AfferentNode(name, node, layer, *lengths_mm)
 
 
 def stored_response(

@@ -26,9 +26,11 @@ mm, ms and Pa, for stresses and for energy densities (1 Pa is 1 J/m³).
 """
 
 import re
-from collections.abc import Collection, Iterator, Sequence
+from array import array
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -50,6 +52,7 @@ from fembridge.results.fields import (
     Key,
     Scene,
     SceneCells,
+    is_in_sorted,
     numbers_near,
     rows_of,
 )
@@ -58,7 +61,7 @@ from fembridge.results.read_options import ReadOptions
 from fembridge.results.source import FieldSource, field_of, not_finite
 from fembridge.results.status import StaRow, read_sta
 from fembridge.results.stress import OneSidedStress, clear_shear
-from fembridge.trace import MS_PER_S
+from fembridge.trace import MS_PER_S, seconds_to_ms
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
 STRESS, DISPLACEMENT = "STRESS", "DISP"
@@ -66,6 +69,7 @@ COMPONENTS = {
     STRESS: ("SXX", "SYY", "SZZ", "SXY", "SYZ", "SZX"),
     DISPLACEMENT: ("D1", "D2", "D3"),
 }
+_KIN = {*COMPONENTS, "STRPOS", "STRMID", "STRNEG", "ZZSTR", "STRESSI", "DISPI", "MSTRESS", "MDISP"}
 KIND_OF_TYPE = {
     1: "hex8", 2: "wedge6", 3: "tet4", 4: "hex20", 5: "wedge15", 6: "tet10",
     7: "tri3", 8: "tri6", 9: "quad4", 10: "quad8", 11: "line2", 12: "line3",
@@ -73,6 +77,8 @@ KIND_OF_TYPE = {
 NODES_OF_TYPE = {number: int(re.sub(r"\D", "", kind)) for number, kind in KIND_OF_TYPE.items()}
 UNKNOWN_MATERIAL = -1  # an old file has a word in place of the number
 
+_MOST_CHANGES = 5  # of nodes that are noted
+_CONTACT = re.compile("P?CONTACI?|CELS")  # of springs that open and close
 _STEP, _END_LINE = b"    1PSTEP", b" 9999"
 _AFTER_A_BLOCK = (b"    1P", _END_LINE, b"  100C", b"    2C", b"    3C")
 _STEP_OF_ITERATIONS = re.compile(rb"STP *(\d+)INC *(\d+)")
@@ -91,6 +97,7 @@ _LONG_FIELDS = re.compile(rb"(?:%s)+ *" % _LONG_FIELD.pattern)
 _NO_LINE_END = bytes.maketrans(b"\r\0", b"  ")
 _SEEK_BYTES = 1 << 16  # records within so few bytes are read in one go
 _FEW_NODES = 64  # whose elements are sought before they are converted
+_LONGEST_ELEMENT_LINE = 400  # bytes; ten numbers of ten characters, and what others add
 _MESH_BYTES = 1 << 17  # of printed elements at a time
 _TEXT_BYTES = 3 << 17  # of a block at a time
 _HEADING_BYTES = 4096  # in which a heading is sought
@@ -261,11 +268,39 @@ class FrdIndex:
         for one in self.damage:
             if one.block is None:
                 one.problem += f" (byte {one.offset} of {file.size})"
+        self.remarks += self._contradictions()
         parts = {imaginary(block.name) for block in self.blocks}
         complex_ones = {block.key for block in self.blocks if block.name in parts}
         for block in self.blocks if complex_ones else ():
             if block.axis == TIME and block.key in complex_ones:
                 block.axis = FREQUENCY
+
+    def _contradictions(self) -> list[str]:
+        """What the headers of the blocks say against each other."""
+        remarks: dict[str, str] = {}  # the first of a kind
+        firsts: dict[str, FrdBlock] = {}
+        for block in self.blocks:
+            first = firsts.setdefault(block.name, block)
+            stored = set(block.components)
+            if block.form.stored != first.form.stored:
+                remarks.setdefault("later", f"{block} has not the components of {first}")
+            expected = COMPONENTS.get(block.name)
+            if expected and not stored & {"MAG1", *expected} >= set(expected) and block is first:
+                words = f"{block} has the components {', '.join(block.components)}"
+                remarks.setdefault("components", f"{words}, expected {', '.join(expected)}")
+            for name in COMPONENTS if block is first and block.name not in _KIN else ():
+                if block.name != name and stored == set(COMPONENTS[name]):
+                    words = f"{block.name} is no known quantity and has the components of {name}"
+                    remarks.setdefault("name", words)
+        for before, block in pairwise(self.blocks):
+            if block.key == before.key and block.value != before.value:
+                words = f"{before} is at {before.value:g}, {block} at {block.value:g}"
+                remarks.setdefault("value", words)
+            rises = block.key >= before.key and (block.modal or block.value >= before.value)
+            if not rises and not any("LAST ITERATIONS" in remark for remark in self.remarks):
+                words = f"{block} at {block.value:g} comes after {before} at {before.value:g}"
+                remarks.setdefault("order", words)
+        return list(remarks.values())
 
     def named(self, name: str) -> list[FrdBlock]:
         """Blocks of one quantity, in file order."""
@@ -434,6 +469,7 @@ class FrdIndex:
         text, word = line[12:24].strip(), line[56:58].strip()
         if not _TIME.fullmatch(text):
             raise ValueError(f"time {line[12:24]!r}")
+        seconds_to_ms(float(text))
         [flag] = _counts(line, (73, 75))
         [analysis] = _counts(line, (56, 58)) if word else [_STATIC]
         modal = analysis in (_FREQUENCY, _BUCKLING) or line[63:73].strip() == b"MODAL"
@@ -533,7 +569,7 @@ def node_ids(file: ByteFile, block: FrdBlock) -> IntArray:
         return irregular_records(file, block)[0]
     if not block.records:
         return np.empty(0, dtype=np.int64)
-    step = max(1, 4 * CHUNK_BYTES // block.form.record_bytes)
+    step = max(1, _TEXT_BYTES // block.form.record_bytes)
     return np.concatenate(
         [
             record_ids(file.path, [block], characters_of(file, block, first, step), first)
@@ -627,23 +663,32 @@ def irregular_records(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatA
     the form of a number; there is a blank or a sign in front of it, or nothing.
     """
     found = file.find(b"\n -3", block.offset - 1)
-    text = file.take(block.offset, (file.size if found is None else found + 1) - block.offset)
-    head, nodes, values = block.form.head_bytes, list[int](), list[list[float]]()
-    for line in text.splitlines():
-        mark, front, rest = line[:_MARK], line[_MARK:head].strip(), line[head:]
-        if mark == b" -1" and front.isdigit():
-            nodes.append(int(front))
-            values.append([])
-            mark, front = b" -2", b""
-        if (mark, front) != (b" -2", b"") or not nodes or not _LONG_FIELDS.fullmatch(rest):
-            words = f"record {len(nodes)} of {block.records} has {line[:24]!r}"
-            raise ResultError(f"{block}: {words}", file.path)
-        values[-1] += map(_number, _LONG_FIELD.findall(rest))
-    counts = {len(row) for row in values}
-    if len(nodes) != block.records or counts != {len(block.form.stored)}:
-        words = f"{len(nodes)} of {block.records} records, of {counts} values"
+    at, end = block.offset, file.size if found is None else found + 1
+    head, nodes, values = block.form.head_bytes, array("q"), array("d")
+    width = len(block.form.stored)
+    counts: set[int] = set()  # of values in the records that are whole
+    while at < end:
+        text = file.take(at, min(_TEXT_BYTES, end - at))
+        text = text if at + len(text) == end else text[: text.rfind(b"\n") + 1]
+        if not text:
+            raise ResultError(f"{block}: no line at byte {at}", file.path)
+        at += len(text)
+        for line in text.splitlines():
+            mark, front, rest = line[:_MARK], line[_MARK:head].strip(), line[head:]
+            if mark == b" -1" and front.isdigit():
+                if nodes:
+                    counts.add(len(values) - width * (len(nodes) - 1))
+                nodes.append(int(front))
+                mark, front = b" -2", b""
+            whole = (mark, front) == (b" -2", b"") and nodes and counts <= {width}
+            if not whole or not _LONG_FIELDS.fullmatch(rest):
+                words = f"record {len(nodes)} of {block.records} has {line[:24]!r}"
+                raise ResultError(f"{block}: {words}", file.path)
+            values.extend(map(_number, _LONG_FIELD.findall(rest)))
+    if len(nodes) != block.records or len(values) != width * len(nodes):
+        words = f"{len(nodes)} of {block.records} records, {len(values)} values"
         raise ResultError(f"{block}: {words}", file.path)
-    return np.array(nodes, dtype=np.int64), np.array(values)
+    return np.array(nodes, dtype=np.int64), np.array(values).reshape(-1, width)
 
 
 def _floats(fields: Characters) -> FloatArray:
@@ -732,6 +777,9 @@ def packed_elements(file: ByteFile, offset: int, records: int) -> Iterator[tuple
 
 def _elements_of_lines(lines: list[bytes], width: int, path: Path) -> Iterator[ElementRows]:
     """Printed elements: a line `` -1`` of id, type, group, material; lines `` -2`` of nodes."""
+    longest = max(map(len, lines))
+    if longest > _LONGEST_ELEMENT_LINE:
+        raise ResultError(f"element block: a line of {longest} bytes", path)
     table = np.array(lines)
     size = max(table.itemsize, _MARK + max(width + 15, 10 * width))
     characters = table.astype(f"S{size}").view(np.uint8).reshape(-1, size)
@@ -759,13 +807,18 @@ def _elements_of_lines(lines: list[bytes], width: int, path: Path) -> Iterator[E
         yield ElementRows(one[0], ids[rows], material[rows], corners)
 
 
-def values_at(file: ByteFile, blocks: Sequence[FrdBlock], nodes: Sequence[int]) -> FloatArray:
+def values_at(
+    file: ByteFile,
+    blocks: Sequence[FrdBlock],
+    nodes: Sequence[int],
+    check: Callable[[FrdBlock, IntArray], object] = lambda *_: None,
+) -> FloatArray:
     """Values of `blocks` of one quantity at `nodes`, ``(T, node, component)``.
 
     Nodes are in the order of the deck's set: not sorted, some duplicate. The rows of the
     wanted nodes are found once and tried on the next block; the id in front of each
     record says whether they are still right, and if not they are sought again. Blocks of
-    one form are converted together.
+    one form are converted together. `check` gets each block whose nodes are all read.
     """
     wanted = np.array(nodes, dtype=np.int64)
     values = np.empty((len(blocks), wanted.size, len(blocks[0].components)))
@@ -779,6 +832,7 @@ def values_at(file: ByteFile, blocks: Sequence[FrdBlock], nodes: Sequence[int]) 
             found = _gather(file, block, rows)
         if found is None or not np.array_equal(found[:, : form.head_bytes], heads):
             ids = node_ids(file, block)
+            check(block, ids)
             rows = rows_of(wanted, ids)
             if (rows < 0).any():
                 absent, held = wanted[int(np.argmin(rows))], np.unique(ids)
@@ -868,6 +922,8 @@ class FrdSource(FieldSource[FrdBlock]):
     def __init__(self, file: ByteFile, options: ReadOptions) -> None:
         super().__init__(file, options)
         self._index = FrdIndex(file)
+        self._last_nodes: dict[str, tuple[FrdBlock, IntArray]] = {}  # by quantity
+        self._changes = 0  # of nodes, within a step
 
     def unit_system(self) -> UnitSystem | None:
         """That of the deck's heading, which CalculiX copies to the start of its results."""
@@ -900,6 +956,10 @@ class FrdSource(FieldSource[FrdBlock]):
         nodes = self._index.nodes
         whole = nodes is not None and nodes.records == block.records and not block.free
         return self._mesh_nodes if whole else np.unique(node_ids(self.file, block))
+
+    @cached_property
+    def _sorted_mesh_nodes(self) -> IntArray:
+        return np.sort(self._mesh_nodes)
 
     @cached_property
     def _mesh_nodes(self) -> IntArray:
@@ -1017,7 +1077,7 @@ class FrdSource(FieldSource[FrdBlock]):
 
     def at_nodes(self, blocks: Sequence[FrdBlock], nodes: Sequence[int]) -> FloatArray:
         """Values of one quantity, ``(T, node, component)``; stress inside one material."""
-        values = values_at(self.file, blocks, nodes)
+        values = values_at(self.file, blocks, nodes, self._check_nodes)
         if blocks[0].name == STRESS and not (inside := self._as_modelled(nodes, values)).all():
             node, names = nodes[int(np.argmin(inside))], self._index.materials
             met = materials_at(self._index, [node])[:, 1].tolist()
@@ -1072,7 +1132,60 @@ class FrdSource(FieldSource[FrdBlock]):
             if set(scales) != {1.0}:
                 values *= scales if len(set(scales)) > 1 else scales[0]
         same = known is not None and np.array_equal(nodes, known)
+        if not same:
+            inside = self._check_nodes(block, nodes, values)
+            if not inside.all():
+                nodes, values = nodes[inside], values[inside]
         return field_of(block, known if same and known is not None else nodes, values, self.path)
+
+    def _check_nodes(
+        self, block: FrdBlock, nodes: IntArray, values: FloatArray | None = None
+    ) -> BoolArray:
+        """Which of the `nodes` of `block` the mesh has; a contradiction is refused.
+
+        All of them are in the mesh, and one that is there twice has the same `values` (None
+        reads them). Within a step all blocks of a quantity have the same nodes, but for contact:
+        another one is noted.
+        """
+        mesh = self._mesh_nodes
+        inside: BoolArray = np.ones(nodes.size, dtype=np.bool_)
+        before = self._last_nodes.get(block.name)
+        self._last_nodes[block.name] = block, nodes
+        if self._index.nodes is not None and not np.array_equal(nodes, mesh):
+            inside = is_in_sorted(nodes, self._sorted_mesh_nodes)
+            if not inside.all():
+                words = f"{block} has node {nodes[~inside][0]}, which the mesh has not"
+                count = int((~inside).sum())
+                words += f", and {count - 1} more of them" * (count > 1)
+                self.options.refuse(words, self.path, noted=f"left out: {words}")
+            if (node := self._contradicted(block, nodes, values)) is not None:
+                self.options.refuse(f"{block} has two values at node {node}", self.path)
+        if before is None or _CONTACT.match(block.name):
+            return inside
+        last, last_nodes = before
+        if last.key[0] == block.key[0] and last_nodes.size == nodes.size:
+            changed = np.flatnonzero(last_nodes != nodes)
+            if changed.size:
+                row = changed[0]
+                words = f"{block} has node {nodes[row]} where {last} has {last_nodes[row]}"
+                more = f", and {changed.size - 1} other changes" * (changed.size > 1)
+                self._changes += 1
+                if self._changes <= _MOST_CHANGES:
+                    self.options.note(f"{words}{more}: nodes of a step stay the same")
+        return inside
+
+    def _contradicted(
+        self, block: FrdBlock, nodes: IntArray, values: FloatArray | None
+    ) -> int | None:
+        """A node that `block` has twice, with two values; None if there is none."""
+        order = np.argsort(nodes, kind="stable")
+        again = np.flatnonzero(np.diff(nodes[order]) == 0)
+        if not again.size:
+            return None
+        table = block_table(self.file, block)[1] if values is None else values
+        first, second = table[order[again]], table[order[again + 1]]
+        other = ((first != second) & ~(np.isnan(first) & np.isnan(second))).any(axis=1)
+        return int(nodes[order[again[np.argmax(other)]]]) if other.any() else None
 
     def last_digit_ms(self, times_ms: FloatArray) -> FloatArray:
         """Below one second a ``.frd`` prints six digits, above it ten."""

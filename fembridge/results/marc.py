@@ -401,7 +401,9 @@ class MarcSource(FieldSource[MarcBlock]):
         """
         points, ids = self._points, self._post.mesh.node_ids
         if not block.quantity.columns:
-            rows = np.flatnonzero(~points.pressure_nodes())
+            left_out = points.pressure_nodes()
+            rows = np.flatnonzero(~left_out)
+            self._note_displaced(left_out)
             values = self._nodal(block)[rows]
         else:
             self._note_unknown()
@@ -457,6 +459,14 @@ class MarcSource(FieldSource[MarcBlock]):
         else:
             values = self._nodal(block)[points.rows]
         return field_of(block, points.nodes, values, self.path), np.arange(points.nodes.size)
+
+    def _note_displaced(self, left_out: BoolArray) -> None:
+        """Note nodes that no corner of an element is and that have coordinates nevertheless."""
+        mesh = self._post.mesh
+        odd = left_out & (mesh.coordinates_mm != 0.0).any(axis=1)
+        if odd.any():
+            node = mesh.node_ids[odd][0]
+            self._once(f"left out: {odd.sum()} nodes at no corner of an element, {node} the first")
 
     def _note_unknown(self) -> None:
         if self._points.unknown_types:

@@ -96,12 +96,15 @@ def test_an_unknown_verb_is_misuse_and_names_the_near_one(capsys, word, stated):
     ("words", "stated"),
     [
         (["stimuli", "--nope"], "no option --nope; see fembridge stimuli --help"),
-        (["stimuli", "--seed", "x"], "argument --seed: invalid int value: 'x'; see fembridge"),
+        (["stimuli", "--seed", "x"], "argument --seed: 'x', expected a whole number from 0 to"),
         (["plot", "raster", "--stimlus", "sine"], "did you mean --stimulus?"),
         (["plot", "rastr"], "did you mean raster"),
         (["stimuli", "--export", "cvs"], "one of csv, wav, npy, marc-table; did you mean csv?"),
         (["simulate"], "required: --stimulus/--waveform; see fembridge simulate --help"),
-        (["simulate", "--stimulus", "sine_20_250", "--jobs", "0"], "--jobs is 0, expected"),
+        (
+            ["simulate", "--stimulus", "sine_20_250", "--jobs", "0"],
+            "--jobs: '0', expected a whole number from 1",
+        ),
         (["encode", "--afferent", "SA", "RA"], "required: CSV|NPZ|DIR"),
         (["encode", "--afferent", "SA,XA", "t.csv"], "invalid choice: 'XA', expected one of SA"),
     ],

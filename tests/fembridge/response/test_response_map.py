@@ -208,26 +208,53 @@ def test_a_file_cut_anywhere_is_refused(path, share):
         read_map(path)
 
 
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("depth_um", [0.0, 1.0]),
-        ("depth_um", [0.0, 1.0, "deep"]),
-        ("afferents", 5),
-        ("origin", None),
-    ],
-)
-def test_a_sealed_file_that_holds_no_map_is_refused(path, key, value):
-    """With a checksum that fits, as a program of ill will could write."""
-    table = tomllib.loads(path.read_text(encoding="utf-8"))
-    if value is None:
-        del table[key]
-    else:
-        table[key] = value
-    del table["sha256"]
-    body = tomli_w.dumps(table)
+def resealed(path, table):
+    """Write `table` with a checksum that fits, as a program of ill will could."""
+    body = tomli_w.dumps({key: value for key, value in table.items() if key != "sha256"})
     digest = hashlib.sha256(body.encode()).hexdigest()
     path.write_text(f'sha256 = "{digest}"\n{body}', encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("keys", "value"),
+    [
+        (["depth_um"], [0.0, 1.0]),
+        (["depth_um"], [0.0, 1.0, "deep"]),
+        (["depth_um", 1], 10**400),
+        (["depth_um", 1], True),
+        (["depth_um", 1], "2"),
+        (["force_n_per_mm", 1], float("nan")),
+        (["force_n_per_mm", 1], "1_0"),
+        (["afferents"], 5),
+        (["afferents"], {}),
+        (["afferents", "SA"], 5),
+        (["afferents", "SA", "xx_pa"], [1.0]),
+        (["afferents", "SA", "xx_pa", 2], float("inf")),
+        (["afferents", "SA", "xx_pa", 2], 10**400),
+        (["afferents", "SA", "xx_pa", 2], "1_0"),
+        (["afferents", "SA", "xx_pas"], [1.0]),
+        (["afferents", "SA", "node"], 0),
+        (["afferents", "SA", "node"], 1.5),
+        (["afferents", "SA", "node"], None),
+        (["afferents", "SA", "x_mm"], float("nan")),
+        (["afferents", "SA", "x_mm"], None),
+        (["closure_percent"], "0"),
+        (["closure_percents"], 0.0),
+        (["origin"], 1),
+        (["origin"], None),
+    ],
+)
+def test_a_sealed_file_that_holds_no_map_is_refused(path, keys, value):
+    table = tomllib.loads(path.read_text(encoding="utf-8"))
+    *parents, last = keys
+    inner = table
+    for key in parents:
+        inner = inner[key]
+    if value is None:
+        del inner[last]
+    else:
+        inner[last] = value
+    resealed(path, table)
     with pytest.raises(ResponseError, match=f"^{path}: "):
         read_map(path)
 
