@@ -14,12 +14,12 @@ import re
 import stat
 import zlib
 from collections.abc import Iterator
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from difflib import get_close_matches
 from fractions import Fraction
 from functools import cache, lru_cache
 from pathlib import Path
-from tempfile import NamedTemporaryFile, TemporaryFile
+from tempfile import NamedTemporaryFile, TemporaryFile, gettempdir
 from typing import IO
 
 import numpy as np
@@ -180,8 +180,18 @@ class _Unpacked:
         named = isinstance(file.name, str)
         self.path = Path(file.name) if named else _OPEN_FILES / str(file.fileno())
 
+    def add(self, block: bytes, path: Path) -> None:
+        """Append what came out of `path`."""
+        try:
+            self.file.write(block)
+            self.file.flush()
+        except OSError as error:
+            folder = f"{gettempdir()}: {error.strerror}; TMPDIR names another folder"
+            raise ResultError(f"cannot be unpacked into {folder}", path) from error
+
     def __del__(self) -> None:
-        self.file.close()
+        with suppress(OSError):  # of bytes for which there was no room
+            self.file.close()
 
 
 @lru_cache(maxsize=1)
@@ -199,8 +209,7 @@ def _unpacked(path: Path, size: int, written_ns: int) -> _Unpacked:
                 if done > max(small_bytes, MAX_RATIO * read_bytes):
                     words = f"unpacks to more than {MAX_RATIO} times its {size} bytes"
                     raise ResultError(f"{words}: no results", path)
-                unpacked.file.write(block)
-        unpacked.file.flush()
+                unpacked.add(block, path)
     except (OSError, EOFError, zlib.error) as error:
         raise ResultError(f"cannot be unpacked: {error}", path) from error
     return unpacked
