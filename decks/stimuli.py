@@ -343,7 +343,7 @@ def _named(name: str) -> tuple[Entry, ...]:
         return CATALOGUE
     family, *texts = name.lower().split("_")
     kind = _FAMILIES.get(family)
-    if kind is None or not name.isascii():  # digits of every script are numbers to float
+    if kind is None or not name.isascii():  # float() reads the digits of every script
         _refuse(name)
     try:
         numbers = tuple(float(text) for text in texts)

@@ -10,7 +10,6 @@ imported when it is called, so that ``--help`` costs nothing.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from inspect import signature
 from pathlib import Path
@@ -408,8 +407,8 @@ def encode(
         Of a table of another kind, as a robot's: ``{"time": "t_s", "value": ["f1", "f2"]}``,
         how many Pa a value of 1 is, and the step of an even grid for uneven times.
     log
-        Called with a line where something was resampled, looks wrong, or was otherwise in
-        the fit of the parameters. None: a warning of the former two.
+        Called with a line where something was resampled, or was otherwise in the fit of the
+        parameters. What looks wrong is a `FembridgeWarning`.
 
     Raises
     ------
@@ -427,7 +426,7 @@ def encode(
     from fembridge import encoding
     from fembridge.tables import spikes_frame
 
-    say = log or (lambda line: warnings.warn(line, UserWarning, stacklevel=3))
+    say = log or (lambda line: None)
     encoded = encoding.encode(
         traces,
         parameters=parameters,
@@ -439,10 +438,8 @@ def encode(
         gain_pa=gain_pa,
         resample_ms=resample_ms,
         log=say,
-        note=log or (lambda line: None),
+        note=say,
     )
-    if encoded.doubt:
-        say(encoded.doubt)
     return spikes_frame(encoded.trains)
 
 

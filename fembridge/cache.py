@@ -101,9 +101,12 @@ def check_cache() -> None:
     Raises
     ------
     UsageError
-        ``FEMBRIDGE_CACHE`` names a folder that has content and is no cache of fembridge.
+        ``FEMBRIDGE_CACHE`` names a file, or a folder that has content and is no cache of
+        fembridge.
     """
     cache = cache_folder()
+    if cache is not None and cache.is_file():
+        raise UsageError(f"{VARIABLE} is {cache}, a file, expected a folder or {OFF!r}")
     foreign = [] if cache is None else _foreign_names(cache)
     if foreign:
         more = ", ..." if len(foreign) > _MOST_SHOWN else ""
@@ -235,11 +238,11 @@ def clear() -> int:
 def other_names() -> list[str]:
     """Names in the cache of what is no entry, nor of the system or of a command at work."""
     cache = _usable_cache()
-    own = {TAG_FILE, *(entry.folder.name for entry in entries())}
+    listed = {TAG_FILE, *(entry.folder.name for entry in entries())}
     names: list[str] = []
     with suppress(OSError):
         names = [] if cache is None else [path.name for path in cache.iterdir()]
-    return sorted(name for name in names if name not in own and not _is_passing(name))
+    return sorted(name for name in names if name not in listed and not _is_passing(name))
 
 
 def _usable_cache() -> Path | None:
@@ -377,8 +380,8 @@ def _read(folder: Path, handle: int) -> Entry:
 
 def _is_listed(name: str, sha256: object) -> bool:
     """Whether `name` and `sha256` can be of a file that `keep` has put into an entry."""
-    own = _FILE_NAME.fullmatch(name) is not None and name != ENTRY_FILE
-    return own and isinstance(sha256, str) and _SHA256.fullmatch(sha256) is not None
+    is_plain = _FILE_NAME.fullmatch(name) is not None and name != ENTRY_FILE
+    return is_plain and isinstance(sha256, str) and _SHA256.fullmatch(sha256) is not None
 
 
 def _by_use(cache: Path) -> list[tuple[float, Path]]:
@@ -396,7 +399,7 @@ def _by_use(cache: Path) -> list[tuple[float, Path]]:
 def _remove(entry: Entry) -> None:
     """Remove the files of an entry, the list first, and its folder where nothing else is in it.
 
-    A folder in the place of a file is not ours, and stays.
+    A folder under the name of a file is not ours, and stays.
     """
     with suppress(_DamagedError), _opened(entry.folder) as handle:
         for name in (ENTRY_FILE, *entry.files):
@@ -429,7 +432,7 @@ def _remove_damaged(folder: Path, names: Iterable[str]) -> None:
     with suppress(_DamagedError), _opened(folder) as handle:
         for name in (ENTRY_FILE, *names):
             _remove_name(handle, name)
-            with suppress(OSError):  # an empty folder in the place of a file
+            with suppress(OSError):  # an empty folder under the name of a file
                 os.rmdir(name, dir_fd=handle)
     with suppress(OSError):
         folder.rmdir()

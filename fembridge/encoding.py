@@ -5,6 +5,7 @@ known of their run (`fembridge.trace.Origin`) says by which parameters, and wher
 count.
 """
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from decks.stimuli import resolve
-from fembridge.errors import StimulusError, UsageError
+from fembridge.errors import FembridgeWarning, StimulusError, UsageError
 from fembridge.response.response_map import reading_energy
 from fembridge.results import read
 from fembridge.run_folder import RUN_FILE
@@ -47,14 +48,13 @@ class Encoded:
     """Spikes of `traces` by `parameters`: `cells_ms` has the times of each cell of each trace.
 
     `source` is what was read, `traces` are those of it that were encoded, with class, stimulus
-    and the step of the parameters. `doubt` says what may be wrong with the stress; None: nothing.
+    and the step of the parameters.
     """
 
     source: Traces
     traces: list[StressTrace]
     parameters: ParameterSet
     cells_ms: list[list[FloatArray]]
-    doubt: str | None
 
     @property
     def trains(self) -> list[SpikeTrain]:
@@ -98,7 +98,8 @@ def encode(
     """Spikes of `source`; arguments and errors as of `fembridge.encode`.
 
     A stimulus that nobody names is `unnamed`. `log` gets what was done to the traces, `note`
-    what was otherwise in the fit of the parameters.
+    what was otherwise in the fit of the parameters. Stress that no touch gives, or that drives
+    no spikes, is a `FembridgeWarning`.
     """
     if parameters is not None:
         parameters = parameter_set(parameters)  # a wrong name is refused before anything is read
@@ -114,7 +115,9 @@ def encode(
     traces = _ready(found, chosen.parameters, stimulus, unnamed, afferents, log)
     cells_ms = fired(traces, chosen.parameters, derivative)
     fires = any(times_ms.size for cells in cells_ms for times_ms in cells)
-    return Encoded(found, traces, chosen, cells_ms, _doubt(found, traces, fires))
+    if doubt := _doubt(found, traces, fires):
+        warnings.warn(doubt, FembridgeWarning, stacklevel=3)
+    return Encoded(found, traces, chosen, cells_ms)
 
 
 def read_stress(
@@ -229,8 +232,11 @@ def _ready(
         )
     for (dt_ms, step_ms), doubts in other_steps.items():
         many = f"{len(doubts)} traces have" if len(doubts) > 1 else "the trace has"
-        lost = "".join(f"; {words}" for words in list(filter(None, doubts))[:1])
-        log(f"{many} a sample every {dt_ms:g} ms: resampled to every {step_ms:g} ms{lost}")
+        line = f"{many} a sample every {dt_ms:g} ms: resampled to every {step_ms:g} ms"
+        if doubt := next(filter(None, doubts), None):
+            warnings.warn(f"{line}; {doubt}", FembridgeWarning, stacklevel=4)
+        else:
+            log(line)
     return found
 
 

@@ -33,6 +33,7 @@ from typing import IO, Any, TypeVar
 
 from fembridge.errors import MissingError, UsageError
 from fembridge.solver.process import GRACE_S, signals_as_exits
+from fembridge.store import temporary_folder
 
 ATTEMPTS = 2
 """A task whose process died is begun once more: the next death is its own doing."""
@@ -284,12 +285,16 @@ def dask_executor(scheduler: str | None, jobs: int) -> Iterator[Executor]:
     with contextlib.ExitStack() as stack:
         cluster: Any = scheduler
         if scheduler is None:
+            dask = import_module("dask")
+            folder = str(stack.enter_context(temporary_folder()))  # dask leaves its own behind
+            stack.enter_context(dask.config.set({"temporary-directory": folder}))
             try:
                 cluster = distributed.LocalCluster(
                     n_workers=jobs,
                     threads_per_worker=1,
                     processes=True,
                     dashboard_address="127.0.0.1:0",  # ":0" would be all interfaces
+                    local_directory=folder,
                 )
             except (OSError, RuntimeError) as error:  # as without a loopback interface
                 raise MissingError(

@@ -37,6 +37,7 @@ PACKAGES = {
     "cattrs": ((24, 1), True, "TOML files"),
     "filelock": ((3, 24), True, "run folders"),
     "platformdirs": ((4, 2), False, "the cache of what was solved"),
+    "threadpoolctl": ((3, 5), False, "touches"),
     "jinja2": ((3, 1), False, "report pages"),
     "matplotlib": ((3, 9), False, "plots"),
     "rich": ((13, 7), False, "progress bars"),

@@ -77,14 +77,7 @@ def read_observed(source: "Path | pd.DataFrame", *, complete: bool = True) -> Ob
     """
     import pandas as pd
 
-    table = read_table(source)
-    if sorted(table.header) != sorted(RATE_COLUMNS):
-        raise TableError(
-            f"the columns are {','.join(table.header)}, expected {','.join(RATE_COLUMNS)}: "
-            "a row a rate, in impulses a second",
-            table.path,
-            1,
-        )
+    table = read_table(source, RATE_COLUMNS, ())
     if not table.size:
         raise TableError("a header and no rates", table.path)
     stimuli, afferents = _stimuli(table), table.choices("afferent", AFFERENTS)

@@ -280,7 +280,7 @@ def read_waveform(folder: Path) -> tuple[FloatArray, FloatArray]:
 
     path = folder / STIMULUS_FILE
     try:
-        table = read_table(path, COLUMNS[:2])
+        table = read_table(path, COLUMNS[:2], COLUMNS[2:])
         times_ms, depth_um = (table.numbers(name) for name in COLUMNS[:2])
     except TableError as error:
         raise ResultError(error.problem, path, error.line) from error

@@ -14,7 +14,8 @@ import io
 import re
 import struct
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -31,12 +32,14 @@ from decks.stimuli import (
     named,
 )
 from decks.waveform import make_stimulus
-from fembridge.errors import StimulusError, TraceError, UsageError
+from fembridge.errors import FembridgeWarning, StimulusError, TraceError, UsageError
+from fembridge.memory import check_memory
+from fembridge.number import parse_number, parse_whole_number
 from fembridge.run_folder import COLUMNS
 from fembridge.stimulus import Stimulus
-from fembridge.store import read_bytes, replacing, write_text
-from fembridge.tables import MAX_TABLE_BYTES, read_table
-from fembridge.trace import STEP_TOLERANCE, doubt_of_step, mean_step, resample
+from fembridge.store import near_hint, read_bytes, replacing, write_text
+from fembridge.tables import MAX_TABLE_BYTES, read_table, warn_if_cut
+from fembridge.trace import STEP_TOLERANCE, doubt_of_gaps, doubt_of_step, mean_step, resample
 from fembridge.typing import FloatArray
 
 Stimuli: TypeAlias = str | Path | Stimulus | Sequence[str | Path | Stimulus]
@@ -46,10 +49,15 @@ values, or paths of files."""
 MM_PER_UM = 1.0e-3
 S_PER_MS = 1.0e-3
 PCM16_PEAK = 32767
+_REAL_WIDTH = 20  # columns of a real in a Marc table's extended format
 _SCALE = re.compile(rb"fembridge: 32767 is (\S{1,40}) um\0")
 _LONGEST_NAME = 60
 # By so much of a step the last sample may be late, where times are rounded.
 _LATE_SAMPLES = 0.05
+# Peak of resident memory while a WAV or NPY is read and resampled, measured with 19 million.
+_BYTES_PER_SAMPLE = 64
+_TIME_COLUMNS = {"time_ms": 1.0, "time_s": 1.0 / S_PER_MS}
+_DEPTH_COLUMNS = {"displacement_um": 1.0, "displacement_mm": 1.0 / MM_PER_UM}
 
 
 def stimuli_of(
@@ -145,33 +153,39 @@ def read_stimulus(
     full_scale_um
         Of a WAV: displacement in um that is its full scale, where it holds none itself.
     log
-        Gets a line where it is resampled, or starts deeper than 0.
+        Gets a line where it is resampled or starts deeper than 0, and about columns that are
+        not used. A doubt is a `FembridgeWarning`: a last line that may be cut, samples that
+        seem to be lost, power that resampling loses.
 
     Raises
     ------
     StimulusError, TableError
         No such file, or not such a waveform.
     """
+
+    def say(line: str) -> None:
+        log(f"{path}: {line}")
+
     content = read_bytes(path, MAX_TABLE_BYTES, StimulusError)
     kind = path.suffix.lower()
     if kind not in _READERS:
         expected = ", ".join(_READERS)
         raise StimulusError(f"{path}: expected a waveform in one of {expected}")
     try:
-        times_ms, depth_um, aside_um = _READERS[kind](path, content, dt_ms, full_scale_um)
+        times_ms, depth_um, aside_um = _READERS[kind](path, content, dt_ms, full_scale_um, say)
         samples_um = np.stack([depth_um] if aside_um is None else [depth_um, aside_um], -1)
         if samples_um.shape[0] < 2:
             raise StimulusError(f"{samples_um.shape[0]} samples, expected two or more")
         if not np.isfinite(samples_um).all():
             raise StimulusError("a sample is not finite")
-        if not times_ms[-1] - times_ms[0] <= (MAX_SAMPLES - 1) * DT_MS * (1 + STEP_TOLERANCE):
+        if not 0 < times_ms[-1] - times_ms[0] <= (MAX_SAMPLES - 1) * DT_MS * (1 + STEP_TOLERANCE):
             raise StimulusError(
                 f"{times_ms[-1] - times_ms[0]:g} ms long, expected at most "
                 f"{(MAX_SAMPLES - 1) * DT_MS:g} ms: cut it into parts"
             )
-        samples_um = _every_half_ms(times_ms, samples_um, lambda line: log(f"{path}: {line}"))
+        samples_um = _every_half_ms(times_ms, samples_um, path, say)
         depth_um, first_um = samples_um[:, 0], round(float(samples_um[0, 0]), DECIMALS)
-        most_um = float(np.abs(depth_um).max())
+        most_um = round(float(np.abs(depth_um).max()), DECIMALS)
         if not 0 < most_um <= MAX_AMPLITUDE_UM:
             raise StimulusError(
                 f"goes {most_um:g} um deep, expected more than 0, at most {MAX_AMPLITUDE_UM:g} um"
@@ -287,64 +301,91 @@ FORMATS: dict[str, tuple[str, Callable[[Stimulus, Path], object]]] = {
 
 # ---- Reading: times in ms, depth in um, and the way aside if there is one
 
+_Log: TypeAlias = Callable[[str], None]
 _Samples: TypeAlias = tuple[FloatArray, FloatArray, FloatArray | None]
 
 
-def _csv(path: Path, content: bytes, dt_ms: float | None, full_scale_um: float | None) -> _Samples:
+def _csv(
+    path: Path, content: bytes, dt_ms: float | None, full_scale_um: float | None, log: _Log
+) -> _Samples:
     table = read_table(path)
 
-    def column(name: str, units: dict[str, float]) -> FloatArray:
-        there = [unit for unit in units if f"{name}_{unit}" in table.header]
-        if len(there) != 1 or table.header.count(f"{name}_{there[0]}") > 1:
-            expected = " or ".join(f"{name}_{unit}" for unit in units)
+    def column(factors: Mapping[str, float]) -> FloatArray:
+        names = [name for name in table.header if name in factors]
+        if len(names) != 1:
+            near = "".join(near_hint(name, table.header) for name in factors if not names)
             raise StimulusError(
-                f"the columns are {','.join(table.header)[:80]}, expected one {expected}"
+                f"the columns are {','.join(table.header)[:80]}, expected one "
+                f"{' or '.join(factors)}{near.partition('?')[0] + '?' if near else ''}"
             )
-        found: FloatArray = table.numbers(f"{name}_{there[0]}") * units[there[0]]
-        return found
+        numbers: FloatArray = table.numbers(names[0], factor=factors[names[0]])
+        return numbers
 
-    times_ms = column("time", {"ms": 1.0, "s": 1.0 / S_PER_MS})
-    depth_um = column("displacement", {"um": 1.0, "mm": 1.0 / MM_PER_UM})
-    table.refuse(np.diff(times_ms, prepend=-np.inf) <= 0, lambda row: "time does not rise")
+    times_ms, depth_um = column(_TIME_COLUMNS), column(_DEPTH_COLUMNS)
+    table.check_columns((*_TIME_COLUMNS, *_DEPTH_COLUMNS), COLUMNS[2:], log)
+    with np.errstate(over="ignore"):  # of 1e308
+        table.refuse(np.diff(times_ms, prepend=-np.inf) <= 0, lambda row: "time does not rise")
     aside = COLUMNS[2] in table.header
     return times_ms, depth_um, table.numbers(COLUMNS[2]) if aside else None
 
 
-def _npy(path: Path, content: bytes, dt_ms: float | None, full_scale_um: float | None) -> _Samples:
+def _npy(
+    path: Path, content: bytes, dt_ms: float | None, full_scale_um: float | None, log: _Log
+) -> _Samples:
     try:
+        stream = io.BytesIO(content)
+        version = np.lib.format.read_magic(stream)
+        if version not in ((1, 0), (2, 0)):
+            raise ValueError(f"version {version}")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # of a header that is damaged
-            depth_um = np.load(io.BytesIO(content), allow_pickle=False)
-        if depth_um.ndim != 1 or depth_um.dtype.kind not in "iuf":
-            raise ValueError(f"{depth_um.dtype} {depth_um.shape}, expected numbers (T,)")
+            read_header = (
+                np.lib.format.read_array_header_1_0
+                if version == (1, 0)
+                else np.lib.format.read_array_header_2_0
+            )
+            shape, _, kind = read_header(stream)
+        if len(shape) != 1 or kind.kind not in "iuf":
+            raise ValueError(f"{kind} {shape}, expected numbers (T,)")
+        begin, stated = stream.tell(), shape[0] * kind.itemsize
+        if stated != len(content) - begin:
+            raise ValueError(f"{len(content) - begin} bytes of samples, the header says {stated}")
+        depth_um = np.frombuffer(content, kind, offset=begin)
     except Exception as error:  # whatever a damaged header makes of the parser
         raise StimulusError(f"not an NPY of samples in um: {_short(error)}") from error
-    if dt_ms is None or not dt_ms > 0:
+    if dt_ms is None or not 0 < dt_ms < np.inf:
         raise StimulusError(
             "an NPY holds no time step: name it, more than 0, by --dt-ms of simulate, build-deck "
             "or stimuli (dt_ms=)"
         )
-    return np.arange(depth_um.size) * dt_ms, depth_um.astype(np.float64), None
+    _check_samples(depth_um.size)
+    with np.errstate(over="ignore", invalid="ignore"):  # of 1e308, and of 16 bytes
+        times_ms = np.arange(depth_um.size, dtype=np.float64) * dt_ms
+        return times_ms, depth_um.astype(np.float64), None
 
 
-def _wav(path: Path, content: bytes, dt_ms: float | None, full_scale_um: float | None) -> _Samples:
+def _wav(
+    path: Path, content: bytes, dt_ms: float | None, full_scale_um: float | None, log: _Log
+) -> _Samples:
     from scipy.io import wavfile  # slow to import
 
     try:
-        if content[:4] != b"RIFF" or len(content) < struct.unpack("<I", content[4:8])[0]:
-            raise ValueError("cut, or no RIFF")
+        _check_chunks(content)
+        _check_samples(len(content))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", wavfile.WavFileWarning)  # a chunk of others
             rate_hz, samples = wavfile.read(io.BytesIO(content))
         if samples.ndim != 1 or not rate_hz > 0:
             raise ValueError(f"{samples.shape} samples every second {rate_hz}, expected mono")
+    except StimulusError:
+        raise
     except Exception as error:  # whatever a damaged header makes of the parser
         raise StimulusError(f"not a WAV: {_short(error)}") from error
     stated = _SCALE.search(content)
-    try:
-        scale_um = full_scale_um or float(stated[1]) if stated else full_scale_um
-    except ValueError:
-        scale_um = None
+    scale_um = full_scale_um
+    if stated and not scale_um:
+        with suppress(ValueError):
+            scale_um = parse_number(stated[1].decode("latin-1"))
     if scale_um is None or not 0 < scale_um < np.inf:
         raise StimulusError(
             "a WAV that does not say how many um its full scale is: --full-scale-um of simulate, "
@@ -354,8 +395,37 @@ def _wav(path: Path, content: bytes, dt_ms: float | None, full_scale_um: float |
     if peak.kind == "u":  # 8 bits
         samples -= 128.0
     peaks = {"u1": 127.0, "i2": float(PCM16_PEAK), "i4": 2.0**31 - 1}
-    depth_um = samples / peaks.get(f"{peak.kind}{peak.itemsize}", 1.0) * scale_um
-    return np.arange(depth_um.size) * (1000.0 / rate_hz), depth_um, None
+    with np.errstate(over="ignore"):  # refused as not finite
+        samples *= scale_um / peaks.get(f"{peak.kind}{peak.itemsize}", 1.0)
+    times_ms: FloatArray = np.arange(samples.size) * (1000.0 / rate_hz)
+    return times_ms, samples, None
+
+
+def _check_chunks(content: bytes) -> None:
+    """Refuse a WAV whose chunks do not fill it: one that is cut, or whose sizes are damaged.
+
+    What other programs write behind the end that it states does not count.
+    """
+    if content[:4] != b"RIFF" or content[8:12] != b"WAVE":
+        raise ValueError("cut, or no RIFF")
+    end = 8 + int(struct.unpack("<I", content[4:8])[0])
+    if end > len(content):
+        raise ValueError(f"cut: {len(content)} bytes, its header says {end}")
+    at, names = 12, []
+    while at < end:
+        name, size = content[at : at + 4], content[at + 4 : min(at + 8, end)]
+        stop = at + 8 + int.from_bytes(size, "little")
+        if len(size) < 4 or not name.isascii() or not name.decode().isprintable() or stop > end:
+            raise ValueError(f"cut, or damaged in the chunk at byte {at}")
+        names.append(name)
+        at = stop + stop % 2
+    for name in (b"fmt ", b"data"):
+        if names.count(name) != 1:
+            raise ValueError(f"{names.count(name)} chunks {name.decode()!r}, expected one")
+
+
+def _check_samples(count: int) -> None:
+    check_memory(count * _BYTES_PER_SAMPLE, f"a waveform of {count} samples", StimulusError)
 
 
 def _short(error: Exception) -> str:
@@ -364,24 +434,31 @@ def _short(error: Exception) -> str:
 
 
 def _marc_table(
-    path: Path, content: bytes, dt_ms: float | None, full_scale_um: float | None
+    path: Path, content: bytes, dt_ms: float | None, full_scale_um: float | None, log: _Log
 ) -> _Samples:
     from decks.marc.grammar import parse_real
 
+    warn_if_cut(path, content[-1:])
     lines = [line for line in content.decode("latin-1").splitlines() if line[:1] != "$"]
     try:
-        if not lines[0].startswith("table") or int(lines[2][10:20]) != len(lines) - 3:
+        if not lines[0].startswith("table") or parse_whole_number(lines[2][10:20]) != len(
+            lines[3:]
+        ):
+            raise ValueError
+        if any(len(line.rstrip()) != _REAL_WIDTH * 2 for line in lines[3:]):
             raise ValueError
         pairs = [
-            [parse_real(line[:20].strip()), parse_real(line[20:].strip())] for line in lines[3:]
+            [parse_real(line[:_REAL_WIDTH].strip()), parse_real(line[_REAL_WIDTH:].strip())]
+            for line in lines[3:]
         ]
     except (ValueError, IndexError):
         raise StimulusError("not one whole table as `fembridge stimuli` exports it") from None
     time_s, depth_mm = np.array(pairs, dtype=np.float64).reshape(-1, 2).T
-    return time_s / S_PER_MS, depth_mm / MM_PER_UM, None
+    with np.errstate(over="ignore"):  # refused as not finite
+        return time_s / S_PER_MS, depth_mm / MM_PER_UM, None
 
 
-_READERS: dict[str, Callable[[Path, bytes, float | None, float | None], _Samples]] = {
+_READERS: dict[str, Callable[[Path, bytes, float | None, float | None, _Log], _Samples]] = {
     ".csv": _csv,
     ".wav": _wav,
     ".npy": _npy,
@@ -390,20 +467,21 @@ _READERS: dict[str, Callable[[Path, bytes, float | None, float | None], _Samples
 
 
 def _every_half_ms(
-    times_ms: FloatArray, samples_um: FloatArray, log: Callable[[str], None]
+    times_ms: FloatArray, samples_um: FloatArray, path: Path, log: _Log
 ) -> FloatArray:
     """Samples ``(T, column)`` at `times_ms` as they are every 0.5 ms, or by PCHIP."""
-    step_ms, odd = mean_step(times_ms)
+    with np.errstate(over="ignore", invalid="ignore"):  # of 1e308
+        step_ms, odd = mean_step(times_ms)
     if odd is None and abs(step_ms / DT_MS - 1.0) * times_ms.size <= _LATE_SAMPLES:
         return samples_um
-    found: FloatArray = resample(times_ms, samples_um, DT_MS)[1]
+    resampled: FloatArray = resample(times_ms, samples_um, DT_MS)[1]
     how = f"one every {step_ms:g} ms" if odd is None else "uneven times"
-    line = f"{times_ms.size} samples, {how}, resampled to {len(found)}, one every {DT_MS:g} ms"
-    if (
-        odd is None
-        and step_ms < DT_MS
-        and (doubt := doubt_of_step(samples_um[:, 0], step_ms, DT_MS))
-    ):
-        line += f"; {doubt}"
-    log(line)
-    return found
+    log(f"{times_ms.size} samples, {how}, resampled to {len(resampled)}, one every {DT_MS:g} ms")
+    doubt = None
+    if odd is not None:
+        doubt = doubt_of_gaps(times_ms)
+    elif step_ms < DT_MS:
+        doubt = doubt_of_step(samples_um[:, 0], step_ms, DT_MS)
+    if doubt:
+        warnings.warn(f"{path}: {doubt}", FembridgeWarning, stacklevel=4)
+    return resampled

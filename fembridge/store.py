@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 
 DRAFT_PREFIX = ".fembridge-draft-"
 _LOOK_S = 0.2
+_MOST_ATTEMPTS = 20  # to make a draft where others remove what is empty
 _NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP}
 SHORT = 16
 """Hexadecimal digits of a digest that a folder is named by."""
@@ -124,24 +125,31 @@ def working_folder(folder: Path, path: Path | None = None) -> Iterator[Path]:
     """A locked draft folder in `folder`, removed at the end with all that is in it.
 
     A kill leaves it; the next command that writes into `folder` removes it, because
-    nobody holds its lock any more. An error names `path`, by default `folder`.
+    nobody holds its lock any more. Folders that were made for it and hold nothing at the
+    end are removed too. An error names `path`, by default `folder`.
 
     Raises
     ------
     OutputError
         `folder` cannot be made or written.
     """
+    absent = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     make_folder(folder)
     try:
-        remove_abandoned_drafts(folder)
-        draft, handle = _made_and_locked(folder)
-    except OSError as error:
-        raise OutputError(f"cannot write here: {error.strerror}", path or folder) from error
-    try:
-        yield draft
+        try:
+            remove_abandoned_drafts(folder)
+            draft, handle = _made_and_locked(folder)
+        except OSError as error:
+            raise OutputError(f"cannot write here: {error.strerror}", path or folder) from error
+        try:
+            yield draft
+        finally:
+            shutil.rmtree(draft, ignore_errors=True)
+            os.close(handle)
     finally:
-        shutil.rmtree(draft, ignore_errors=True)
-        os.close(handle)
+        with suppress(OSError):  # files are in it
+            for parent in absent:
+                parent.rmdir()
 
 
 def temporary_folder() -> AbstractContextManager[Path]:
@@ -159,25 +167,28 @@ def check_output(folder: Path, *names: str) -> None:
     OutputError
         As `filling`.
     """
-    absent = [place for place in (folder, *folder.parents) if not place.exists()]
     with filling(folder, last=""):
         for name in names:
             _check_replaceable(folder / name, folder / name)
-    with suppress(OSError):  # somebody else's files are in it by now
-        for place in absent:
-            place.rmdir()
 
 
 def _made_and_locked(folder: Path) -> tuple[Path, int]:
+    attempts = _MOST_ATTEMPTS
     while True:
-        draft = Path(tempfile.mkdtemp(prefix=DRAFT_PREFIX, dir=folder))
-        with suppress(FileNotFoundError):  # another took it for left over: it had no lock yet
+        attempts -= 1
+        try:
+            draft = Path(tempfile.mkdtemp(prefix=DRAFT_PREFIX, dir=folder))
             handle = os.open(draft, os.O_RDONLY)
-            with suppress(OSError):  # a file system without locks: it stays, if we are killed
-                fcntl.flock(handle, fcntl.LOCK_EX)
-            if draft.exists():
-                return draft, handle
-            os.close(handle)
+        except FileNotFoundError:  # another removed the draft, not locked yet, or its empty folder
+            if not attempts:
+                raise
+            folder.mkdir(parents=True, exist_ok=True)
+            continue
+        with suppress(OSError):  # a file system without locks: it stays, if we are killed
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        if draft.exists():
+            return draft, handle
+        os.close(handle)
 
 
 def remove_abandoned_drafts(folder: Path) -> None:

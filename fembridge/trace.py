@@ -25,6 +25,11 @@ AFFERENT_NAME = re.compile(r"[A-Z][A-Z0-9_]{0,39}")
 STEP_TOLERANCE = 1.0e-3
 # A share of power, from which on a change of step is said to lose something.
 _FOLDED_SHARE = 0.01
+# Of a step: times that are rounded or jitter are within it.
+_GAP_TOLERANCE = 0.25
+# Share of odd steps in times that are even otherwise.
+_FEW_GAPS = 0.1
+_FFT_SAMPLES = 1 << 20  # of a spectrum; a longer history is the sum of several
 _MOST_SAMPLES = 10_000_000  # of a resampled history: 83 minutes of 0.5 ms
 
 
@@ -99,6 +104,23 @@ def mean_step(times_ms: FloatArray) -> tuple[float, int | None]:
     return mean_ms, int(even.argmin())
 
 
+def doubt_of_gaps(times_ms: FloatArray) -> str | None:
+    """Which samples seem to be missing from rising times ``(T,)``; None: none.
+
+    Times that are even but for a few steps had a sample in each of them.
+    """
+    steps_ms = np.diff(times_ms)
+    usual_ms = np.median(steps_ms)
+    odd = np.abs(steps_ms - usual_ms) > _GAP_TOLERANCE * usual_ms
+    if not 0 < odd.sum() <= _FEW_GAPS * steps_ms.size:
+        return None
+    first = int(odd.argmax())
+    return (
+        f"{odd.sum()} of {steps_ms.size} steps are not {usual_ms:g} ms, the first from "
+        f"{times_ms[first]:g} to {times_ms[first + 1]:g} ms: samples lost, or times changed?"
+    )
+
+
 def resample(
     times_ms: FloatArray,
     values: FloatArray,
@@ -155,9 +177,14 @@ def resample(
             )
     from scipy.interpolate import PchipInterpolator  # slow to import
 
+    # A value depends on two samples on each side of it: of a fine history most are not needed.
+    before = np.clip(np.searchsorted(times_ms, even_ms, "right") - 1, 0, times_ms.size - 2)
+    rows = np.unique(np.clip(before[:, None] + np.arange(-1, 3), 0, times_ms.size - 1))
+    if rows.size < times_ms.size:
+        times_ms, values = times_ms[rows], values[rows]
     with np.errstate(over="ignore", invalid="ignore"):  # of 1e200
-        found: FloatArray = PchipInterpolator(times_ms, values, axis=0)(even_ms)
-    return even_ms, found
+        resampled: FloatArray = PchipInterpolator(times_ms, values, axis=0)(even_ms)
+    return even_ms, resampled
 
 
 def doubt_of_step(values: FloatArray, dt_ms: float, step_ms: float) -> str | None:
@@ -170,12 +197,17 @@ def doubt_of_step(values: FloatArray, dt_ms: float, step_ms: float) -> str | Non
         return None
     finer = dt_ms < step_ms
     limit_hz = MS_PER_S / (2 * step_ms if finer else 10 * dt_ms)
-    # The window takes away the jump from end to start, which has power everywhere.
-    count = len(values)
-    windowed = ((values - values.mean(axis=0)).T * np.hanning(count)).reshape(-1, count)
-    power = (np.abs(np.fft.rfft(windowed)) ** 2).sum(axis=0)
-    above = np.fft.rfftfreq(count, dt_ms / MS_PER_S) > limit_hz
-    share = power[above].sum() / power.sum() if power.any() else 0.0
+    above = total = 0.0
+    for begin in range(0, len(values), _FFT_SAMPLES):
+        block = values[begin : begin + _FFT_SAMPLES]
+        count = len(block)
+        # The window takes away the jump from end to start, which has power everywhere.
+        with np.errstate(over="ignore", invalid="ignore"):  # of 1e200
+            windowed = ((block - block.mean(axis=0)).T * np.hanning(count)).reshape(-1, count)
+            power = (np.abs(np.fft.rfft(windowed)) ** 2).sum(axis=0)
+            total += power.sum()
+            above += power[np.fft.rfftfreq(count, dt_ms / MS_PER_S) > limit_hz].sum()
+    share = above / total if total else 0.0
     if not share > _FOLDED_SHARE:
         return None
     what = f"{100 * share:.0f} % of its power is above {limit_hz:g} Hz: "

@@ -41,8 +41,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         print(f"{removed / 1e6:.1f} MB removed from {folder}")
     else:
         for entry in available:
-            words = " ".join(entry.what.split())
-            print(f"{_time_text(entry.used_s)}  {entry.bytes / 1e6:8.1f} MB  {words}")
+            title = " ".join(entry.what.split())
+            print(f"{_time_text(entry.used_s)}  {entry.bytes / 1e6:8.1f} MB  {title}")
         count = "1 entry" if len(available) == 1 else f"{len(available)} entries"
         print(f"{count}, {total / 1e6:.1f} MB in {folder}")
     if others:

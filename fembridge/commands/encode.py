@@ -141,8 +141,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         files |= exports(recording, args.export)
     files["rates.csv"] = lambda path: write_rates(path, rates)
     write_files(args.output, files)
-    if encoded.doubt:
-        notes.append(encoded.doubt)
     if args.window_ms is None and not found.windows_ms and spans_ms == windows_ms:
         notes.append("rates over the whole trace; narrow it with --window-ms START:END")
     for note in notes:

@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from decks.green import PLANE_ROWS, PadMesh, smooth
     from decks.presets import read_finger
-    from fembridge.errors import FingerError, SolverError, UsageError
+    from fembridge.errors import FingerError, OutputError, SolverError, UsageError
     from fembridge.store import check_output, working_folder
     from fembridge.touching.green import solve_pad
     from fembridge.touching.pad import write_pad
@@ -99,6 +99,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                 raise
             problem = f"{error.problem}; --runs DIR keeps what the solver wrote"
             raise SolverError(problem, Path(error.path.name)) from error
+        except OutputError as error:
+            if args.runs or not error.path.is_relative_to(folder):
+                raise
+            raise OutputError(error.problem, args.output) from error
     write_pad(args.output, pad)
     size = args.output.stat().st_size
     print(

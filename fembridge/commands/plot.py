@@ -62,6 +62,9 @@ def _bins(width_ms: float) -> _Options:
     return (("--bin-ms", f"width of a bin (default: {width_ms:g})", how),)
 
 
+# Other columns of the rates that validate writes.
+_OF_A_PAGE = ("source", "family", "set", "level_um")
+
 # Each picture: what it shows, an example, and its own options: help, and how it is read.
 _PICTURES: dict[str, tuple[str, str, _Options]] = {
     "mesh": (
@@ -386,7 +389,10 @@ def _rates_in(path: Path) -> "list[Rate]":
     from fembridge.tables import RATE_COLUMNS, read_rates, read_table
 
     table = read_table(path, RATE_COLUMNS)
-    if "status" in table.header:
+    if "status" not in table.header:
+        expected = (*RATE_COLUMNS, *_OF_A_PAGE)
+        table.check_columns(expected, ("unit",), lambda line: log(f"{path}: {line}"))
+    else:
         table = table.where(table.column("status") == "done")
         whose = list(zip(table.column("stimulus"), table.column("afferent"), strict=True))
         if len(set(whose)) < len(whose):

@@ -173,15 +173,26 @@ def _made(args: argparse.Namespace, words: "Sequence[str | Path]") -> "list[Stim
 
 
 def _export(args: argparse.Namespace) -> dict[str, Any]:
+    from contextlib import ExitStack
+
     from fembridge.stimulus_file import write_stimulus
+    from fembridge.store import filling
 
     made = _made(args, args.ids)
     # All files of one export share their scale: a sound card plays them as loud as they are.
     peak_um = max(float(abs(one.displacement_um).max()) for one in made)
     files = []
     paths = _paths([one.id for one in made], args.export, args.output)
-    for stimulus, path in zip(made, paths, strict=True):
-        scale_um = write_stimulus(stimulus, path, args.export, peak_um)
+    with ExitStack() as stack:
+        targets = paths
+        if len(paths) > 1:
+            draft = stack.enter_context(filling(paths[0].parent, last=paths[-1].name))
+            targets = [draft / path.name for path in paths]
+        scales_um = [
+            write_stimulus(stimulus, target, args.export, peak_um)
+            for stimulus, target in zip(made, targets, strict=True)
+        ]
+    for stimulus, path, scale_um in zip(made, paths, scales_um, strict=True):
         files.append(
             {
                 "id": stimulus.id,

@@ -88,15 +88,15 @@ def _is_pressed(args: argparse.Namespace) -> bool:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
-    from fembridge.touching.touch import touch
+    from fembridge.touching.touch import DEFAULTS, touch
 
+    default = {name: f"default: {value}".removesuffix(".0") for name, value in DEFAULTS.items()}
     what = parser.add_argument_group("what touches")
     add_from(what, touch, shape=("SHAPE|FILE", "punch is a 1 mm pin"))
     what.add_argument(
         "--at-mm",
         type=NUMBERS["at_mm"],
         nargs=2,
-        default=(0.0, 0.0),
         metavar=("X", "Z"),
         help="where its middle is at first, across and along the finger (default: 0 0)",
     )
@@ -104,10 +104,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_from(
         what,
         touch,
-        angle_deg=("DEG", "how far it is rotated"),
+        angle_deg=("DEG", f"how far it is rotated ({default['angle_deg']})"),
         pixel_mm=("MM", "of a height map"),
         relief_mm=("MM", relief),
-        friction=("MU", "while it slides"),
+        friction=("MU", f"while it slides ({default['friction']})"),
         pins=("CSV", "in place of a shape, pins x_mm,z_mm,diameter_mm,stimulus"),
     )
     how = parser.add_argument_group("how it moves")
@@ -118,14 +118,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         stimulus=({"also": "--waveform", "metavar": "ID|FILE"}, "its depth: sine_20_250"),
         press_um=("UM", "to this depth, or"),
         press_n=("N", "with this force: ramp and hold"),
-        ramp_ms=("MS", ""),
-        hold_ms=("MS", ""),
+        ramp_ms=("MS", default["ramp_ms"]),
+        hold_ms=("MS", default["hold_ms"]),
         slide_mm_per_s=(
             {"type": Number(ABOVE_ZERO, 1000), "metavar": "V"},
             "slides at this speed, pressed all the time",
         ),
-        direction_deg=("DEG", "0 is to the right, 90 towards the tip"),
-        duration_ms=("MS", ""),
+        direction_deg=(
+            "DEG",
+            f"0 is to the right, 90 towards the tip ({default['direction_deg']})",
+        ),
+        duration_ms=("MS", default["duration_ms"]),
         path=("CSV", "time_ms,x_mm,z_mm and depth_um or force_n"),
     )
     who = parser.add_argument_group("who feels it")
@@ -175,8 +178,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.animate:
         check_movie(Path(args.animate))
     result = touch(**words_of(args, touch), log=log)
-    if note := result.origin.get("note"):
-        log(note)
+    note = result.origin.get("note", "")  # a warning, too
     files: dict[str, Content] = {**result.tables()}
     if not args.no_plot:
         files |= {f"{name}.png": draw(result) for name, draw in PICTURES.items()}
@@ -206,7 +208,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {
         **written(args.output, names, ["touch.gif", *EXPORTED]),
         "way": result.way.name,
-        "note": note or "",
+        "note": note,
         "depth_um": depth_um,
         "force_n": force_n,
         "classes": classes,

@@ -14,6 +14,7 @@ Beside them are the rates of TouchSim under the 82 stimuli: no evidence but a mo
 one's own beside. What made ``touchsim/rates.csv`` is in the ``README.md`` there.
 """
 
+import warnings
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -22,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from decks.stimuli import resolve
-from fembridge.errors import UsageError
+from fembridge.errors import FembridgeWarning, UsageError
 from fembridge.tables import AFFERENTS, RATE_COLUMNS, Rate, read_table
 
 if TYPE_CHECKING:
@@ -67,14 +68,22 @@ def read_evidence(source: Path | str, like: str) -> Facts:
 
     path = FOLDER / f"{source}.csv" if source in SETS else Path(source)
     names = list(published(like).table.columns)
-    table = read_table(path, names)
+
+    def unused(line: str) -> None:
+        warnings.warn(f"{path}: {line}", FembridgeWarning, stacklevel=4)
+
+    table = read_table(path, names, (), unused=unused)
     columns = {
         name: table.choices(name, _CHOICES[name])
         if name in _CHOICES
         else table.numbers(name, _LEAST.get(name, 0.0))
         for name in names
     }
-    return Facts(pandas.DataFrame(columns), _citation(path) or f"Source: {path.name}.")
+    facts = pandas.DataFrame(columns)
+    if (doubled := facts.duplicated().to_numpy()).any():
+        line = table.lines[int(doubled.argmax())]
+        warnings.warn(f"{path}:{line}: the same as an earlier row", FembridgeWarning, stacklevel=2)
+    return Facts(facts, _citation(path) or f"Source: {path.name}.")
 
 
 @cache

@@ -33,6 +33,7 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import ResultError, UsageError
+from fembridge.memory import check_memory
 from fembridge.results.byte_file import text_lines
 from fembridge.results.dat_section import TABLE, DatSection, Wanted
 from fembridge.results.fields import numbers_near
@@ -43,6 +44,7 @@ from fembridge.results.stress import von_mises_pa
 from fembridge.trace import MS_PER_S, seconds_to_ms
 from fembridge.typing import FloatArray
 
+_ROWS_AT_ONCE, _ROW_BYTES, _VALUE_BYTES = 100_000, 300, 60  # of lists, and arrays of them
 _LONGEST_PREAMBLE, _SHOWN = 1000, 80  # characters of it that are kept, and shown
 STRESSES_AT_NODES, MISES_AT_NODES = "stresses at nodes", "von mises stress at nodes"
 
@@ -54,7 +56,10 @@ _TIMES = re.compile(rf" *STEP TIME COMPLETED +{_NUMBER} *, +TOTAL TIME COMPLETED
 _STEP = re.compile(r" *S T E P +(\d{1,9}) .*")
 _ABOUT_TIME = re.compile(r" *INCREMENT +\S+ +SUMMARY|.*TIME (?:INCREMENT )?COMPLETED")
 _SET = re.compile(r"(?:NODE|ELEMENT) SET +(\S+)")
-_ROW = re.compile(r" +(\d{1,18})((?: +\d{1,18})*?)(?: +[A-Z]{1,3})?((?: +[-+]?\d+\.\d*(?:E[-+]\d\d|[-+]\d{3})?)+) *")
+_ROW = re.compile(
+    r" +(\d{1,18})((?: +\d{1,18})*?)(?: +[A-Z]{1,3})?"
+    r"((?: +[-+]?\d+\.\d*(?:E[-+]\d\d|[-+]\d{3})?)+) *"
+)
 _TAILS = ("MAXIMUM", "MINIMUM", "TOTAL", "NODE", "ELEMENT", "AT ")  # of a table
 _FLOAT = re.compile(r"[-+]?\d+\.\d*(?:E?[-+]\d+)?")
 _FOUR_DIGITS = re.compile(r"[-+]?(?:0*\.0*$|0?(?=[\d.]{5}(?:[E+-]|$))\d{0,4}\.\d{0,4}(?:[E+-]|$))")
@@ -127,6 +132,8 @@ class _Clock:
 
     def reads(self, line: str) -> bool:
         """Whether `line` was about time."""
+        if not ("COMPLETED" in line or "SUMMARY" in line or "S T E P" in line):
+            return False
         if match := _INCREMENT.fullmatch(line):
             self._begin(int(match[1]))
         elif match := _SIZE.fullmatch(line):
@@ -298,13 +305,12 @@ def abaqus_sections(
 
 def _damage_of_table(table: _Open, closed: bool) -> str:
     """What is wrong with a table as a whole; "" where nothing is."""
-    where = f"the table from line {table.line}"
     if not closed:
-        return f"cut in {where}"
+        return f"cut in the table from line {table.line}"
     if not table.columns and not table.ended:
-        return f"no names of columns in {where}"
+        return f"no names of columns in the table from line {table.line}"
     if table.awaited:
-        return f"increment {table.increment} has no time before {where}"
+        return f"increment {table.increment} has no time before the table from line {table.line}"
     return ""
 
 
@@ -376,6 +382,9 @@ def _tables(path: Path, clock: _Clock) -> Iterator[tuple[_Open | None, int, bool
             if len(labels) != len(table.labels):
                 raise ResultError(f"no row of its table: {line[:80]!r}", path, number)
             table.rows.append((labels, values))
+            if len(table.rows) % _ROWS_AT_ONCE == 0:
+                needed_bytes = len(table.rows) * (_ROW_BYTES + _VALUE_BYTES * len(values))
+                check_memory(needed_bytes, "the table", ResultError.at(path))
         elif text[0].isalpha() and (text.startswith(_TAILS) or not _FLOAT.search(text)):
             table.ended = True
         elif not ended:

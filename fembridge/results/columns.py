@@ -93,7 +93,7 @@ class ColumnSource(Source):
     def _held(self) -> Table:
         if self.kind == "table":
             text = self.file.peek(0, _HEADER_BYTES).decode("utf-8-sig", errors="replace")
-            return {"columns": header_in(text)[0]}
+            return {"columns": header_in(text, self.path)[0]}
         if self.kind == "npz":
             with self._npz() as archive:
                 return {"arrays": shapes_text(archive.headers)}

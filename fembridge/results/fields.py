@@ -13,7 +13,7 @@ from fembridge.results.stress import DERIVED, TENSOR
 from fembridge.store import replacing
 from fembridge.tables import write_table
 from fembridge.trace import MS_PER_S
-from fembridge.typing import FloatArray, IntArray
+from fembridge.typing import BoolArray, FloatArray, IntArray
 
 Key = tuple[int, int]  # step and increment, or mode
 
@@ -190,6 +190,15 @@ def rows_of(wanted: IntArray, held: IntArray) -> IntArray:
     place = np.searchsorted(held, wanted, sorter=order)
     rows: IntArray = order[np.minimum(place, order.size - 1)]
     return np.where(held[rows] == wanted, rows, -1)
+
+
+def is_in_sorted(numbers: IntArray, rising: IntArray) -> BoolArray:
+    """Whether each of `numbers` is among those `rising`."""
+    if not rising.size:
+        return np.zeros(numbers.shape, dtype=np.bool_)
+    places = np.minimum(np.searchsorted(rising, numbers), rising.size - 1)
+    inside: BoolArray = rising[places] == numbers
+    return inside
 
 
 def numbers_near(held: IntArray, absent: int) -> str:

@@ -26,6 +26,7 @@ mm, ms and Pa, for stresses and for energy densities (1 Pa is 1 J/m³).
 """
 
 import re
+from array import array
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -51,6 +52,7 @@ from fembridge.results.fields import (
     Key,
     Scene,
     SceneCells,
+    is_in_sorted,
     numbers_near,
     rows_of,
 )
@@ -75,6 +77,7 @@ KIND_OF_TYPE = {
 NODES_OF_TYPE = {number: int(re.sub(r"\D", "", kind)) for number, kind in KIND_OF_TYPE.items()}
 UNKNOWN_MATERIAL = -1  # an old file has a word in place of the number
 
+_MOST_CHANGES = 5  # of nodes that are noted
 _CONTACT = re.compile("P?CONTACI?|CELS")  # of springs that open and close
 _STEP, _END_LINE = b"    1PSTEP", b" 9999"
 _AFTER_A_BLOCK = (b"    1P", _END_LINE, b"  100C", b"    2C", b"    3C")
@@ -91,9 +94,12 @@ _LONG_FIELD = re.compile(
     rb"|1\.#[A-Za-z]+|[Nn][Aa][Nn]|[Ii][Nn][Ff](?:inity)?)"
 )
 _LONG_FIELDS = re.compile(rb"(?:%s)+ *" % _LONG_FIELD.pattern)
+_SHORT_FIELD = re.compile(rb"\d\.\d{5}[Ee][+-]\d{2}")  # a blank or a sign is lost before it
+_EXPONENT = re.compile(rb"[Ee][+-](?:(0)\d\d(?!\.)|\d\d(?!\d(?!\.)))")
 _NO_LINE_END = bytes.maketrans(b"\r\0", b"  ")
 _SEEK_BYTES = 1 << 16  # records within so few bytes are read in one go
 _FEW_NODES = 64  # whose elements are sought before they are converted
+_LONGEST_ELEMENT_LINE = 400  # bytes; ten numbers of ten characters, and what others add
 _MESH_BYTES = 1 << 17  # of printed elements at a time
 _TEXT_BYTES = 3 << 17  # of a block at a time
 _HEADING_BYTES = 4096  # in which a heading is sought
@@ -659,23 +665,38 @@ def irregular_records(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatA
     the form of a number; there is a blank or a sign in front of it, or nothing.
     """
     found = file.find(b"\n -3", block.offset - 1)
-    text = file.take(block.offset, (file.size if found is None else found + 1) - block.offset)
-    head, nodes, values = block.form.head_bytes, list[int](), list[list[float]]()
-    for line in text.splitlines():
-        mark, front, rest = line[:_MARK], line[_MARK:head].strip(), line[head:]
-        if mark == b" -1" and front.isdigit():
-            nodes.append(int(front))
-            values.append([])
-            mark, front = b" -2", b""
-        if (mark, front) != (b" -2", b"") or not nodes or not _LONG_FIELDS.fullmatch(rest):
-            words = f"record {len(nodes)} of {block.records} has {line[:24]!r}"
-            raise ResultError(f"{block}: {words}", file.path)
-        values[-1] += map(_number, _LONG_FIELD.findall(rest))
-    counts = {len(row) for row in values}
-    if len(nodes) != block.records or counts != {len(block.form.stored)}:
-        words = f"{len(nodes)} of {block.records} records, of {counts} values"
+    at, end = block.offset, file.size if found is None else found + 1
+    head, nodes, values = block.form.head_bytes, array("q"), array("d")
+    width = len(block.form.stored)
+    counts: set[int] = set()  # of values in the records that are whole
+    exponents: set[bool] = set()  # whether they are filled up to three digits: all or none
+    while at < end:
+        text = file.take(at, min(_TEXT_BYTES, end - at))
+        text = text if at + len(text) == end else text[: text.rfind(b"\n") + 1]
+        if not text:
+            raise ResultError(f"{block}: no line at byte {at}", file.path)
+        at += len(text)
+        for line in text.splitlines():
+            mark, front, rest = line[:_MARK], line[_MARK:head].strip(), line[head:]
+            if mark == b" -1" and front.isdigit():
+                if nodes:
+                    counts.add(len(values) - width * (len(nodes) - 1))
+                nodes.append(int(front))
+                mark, front = b" -2", b""
+            whole = (mark, front) == (b" -2", b"") and nodes and counts <= {width}
+            fields = _LONG_FIELD.findall(rest)
+            whole = whole and _LONG_FIELDS.fullmatch(rest) is not None
+            if not whole or any(map(_SHORT_FIELD.fullmatch, fields)):
+                words = f"record {len(nodes)} of {block.records} has {line[:24]!r}"
+                raise ResultError(f"{block}: {words}", file.path)
+            values.extend(map(_number, fields))
+            exponents.update(map(bool, _EXPONENT.findall(rest)))
+    if len(nodes) != block.records or len(values) != width * len(nodes):
+        words = f"{len(nodes)} of {block.records} records, {len(values)} values"
         raise ResultError(f"{block}: {words}", file.path)
-    return np.array(nodes, dtype=np.int64), np.array(values)
+    if len(exponents) > 1:
+        raise ResultError(f"{block}: exponents of two digits and of three, as E-030", file.path)
+    return np.array(nodes, dtype=np.int64), np.array(values).reshape(-1, width)
 
 
 def _floats(fields: Characters) -> FloatArray:
@@ -764,6 +785,9 @@ def packed_elements(file: ByteFile, offset: int, records: int) -> Iterator[tuple
 
 def _elements_of_lines(lines: list[bytes], width: int, path: Path) -> Iterator[ElementRows]:
     """Printed elements: a line `` -1`` of id, type, group, material; lines `` -2`` of nodes."""
+    longest = max(map(len, lines))
+    if longest > _LONGEST_ELEMENT_LINE:
+        raise ResultError(f"element block: a line of {longest} bytes", path)
     table = np.array(lines)
     size = max(table.itemsize, _MARK + max(width + 15, 10 * width))
     characters = table.astype(f"S{size}").view(np.uint8).reshape(-1, size)
@@ -907,6 +931,7 @@ class FrdSource(FieldSource[FrdBlock]):
         super().__init__(file, options)
         self._index = FrdIndex(file)
         self._last_nodes: dict[str, tuple[FrdBlock, IntArray]] = {}  # by quantity
+        self._changes = 0  # of nodes, within a step
 
     def unit_system(self) -> UnitSystem | None:
         """That of the deck's heading, which CalculiX copies to the start of its results."""
@@ -939,6 +964,10 @@ class FrdSource(FieldSource[FrdBlock]):
         nodes = self._index.nodes
         whole = nodes is not None and nodes.records == block.records and not block.free
         return self._mesh_nodes if whole else np.unique(node_ids(self.file, block))
+
+    @cached_property
+    def _sorted_mesh_nodes(self) -> IntArray:
+        return np.sort(self._mesh_nodes)
 
     @cached_property
     def _mesh_nodes(self) -> IntArray:
@@ -1128,10 +1157,10 @@ class FrdSource(FieldSource[FrdBlock]):
         """
         mesh = self._mesh_nodes
         inside: BoolArray = np.ones(nodes.size, dtype=np.bool_)
-        before = self._last_nodes.get(block.name)
+        before = self._last_nodes.get(block.name) or self._neighbour(block)
         self._last_nodes[block.name] = block, nodes
         if self._index.nodes is not None and not np.array_equal(nodes, mesh):
-            inside = np.isin(nodes, mesh)
+            inside = is_in_sorted(nodes, self._sorted_mesh_nodes)
             if not inside.all():
                 words = f"{block} has node {nodes[~inside][0]}, which the mesh has not"
                 count = int((~inside).sum())
@@ -1148,8 +1177,21 @@ class FrdSource(FieldSource[FrdBlock]):
                 row = changed[0]
                 words = f"{block} has node {nodes[row]} where {last} has {last_nodes[row]}"
                 more = f", and {changed.size - 1} other changes" * (changed.size > 1)
-                self.options.note(f"{words}{more}: nodes of a step stay the same")
+                self._changes += 1
+                if self._changes <= _MOST_CHANGES:
+                    self.options.note(f"{words}{more}: nodes of a step stay the same")
         return inside
+
+    def _neighbour(self, block: FrdBlock) -> tuple[FrdBlock, IntArray] | None:
+        """A block of the same quantity, step and count, of a part of the mesh, and its nodes."""
+        mesh = self._index.nodes
+        if mesh is None or block.records == mesh.records or _CONTACT.match(block.name):
+            return None
+        alike = block.name, block.key[0], block.records
+        for other in self._index.named(block.name):
+            if other is not block and (other.name, other.key[0], other.records) == alike:
+                return other, node_ids(self.file, other)
+        return None
 
     def _contradicted(
         self, block: FrdBlock, nodes: IntArray, values: FloatArray | None

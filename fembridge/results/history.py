@@ -131,7 +131,7 @@ class History:
         return f"{span}, uneven: {steps_ms.min():g} to {steps_ms.max():g} ms apart"
 
     def _doubt_of_times(self) -> str:
-        """Which times do not rise, or which few steps differ from all others; "" where none does."""
+        """Which times do not rise, or which few steps differ from the others; or ""."""
         if not self.over_time or self.at.size < 2:
             return ""
         steps_ms = np.diff(self.at)

@@ -61,7 +61,8 @@ _CODES_OF_A_LAYER = 1000
 _VERIFICATION_WORDS, _INCREMENT_WORDS, _QUANTITY_WORDS = (18, 12), 12, 12
 _ALL_NODES, _NO_NODES = -1, 0
 _COMPLEX = (4, 5)
-_MOST_COMPONENTS = 1000  # of a nodal quantity; real ones have up to six
+# Of a nodal quantity, and of one that is 0 at all nodes; real ones have up to six.
+_MOST_COMPONENTS, _MOST_WITHOUT_DATA = 1000, 36
 
 _WORD = _MARKER = 4  # bytes
 _TITLE_WORDS, _LABEL_WORDS, _LONG_LABEL_WORDS = 70, 24, 48
@@ -281,7 +282,7 @@ class PostFile:
         one = self.increments[row]
         quantity = next(held for held in one.nodal if held.name == name)
         if quantity.numbers is None:
-            return np.zeros((self.nodes, quantity.components))
+            return np.broadcast_to(0.0, (self.nodes, quantity.components))
         found: FloatArray = quantity.numbers.values(self._file, offset=one.offset)
         return found
 
@@ -353,6 +354,8 @@ class PostFile:
                 raise ValueError(f"a frequency of {reals[1]:g} is no frequency")
         except ValueError as error:
             raise PostDamageError(str(error), layout.start + offset) from error
+        if self.increments and number < (before := self.increments[-1].increment):
+            self.remarks.append(f"increment {number} comes after increment {before}")
         one = (len(self.increments), number, sub, reals[0], harmonic, reals[1], layout, offset)
         self.increments.append(PostIncrement(*one))
 
@@ -961,7 +964,8 @@ def _nodal(records: _Records, layout: _Layout) -> None:
         name, at = records.text(), records.at
         words = records.integers(_QUANTITY_WORDS)
         components, flag, is_complex = words[3], words[6], words[5] in _COMPLEX
-        known = flag in (_ALL_NODES, _NO_NODES) and 0 <= components <= _MOST_COMPONENTS
+        most = _MOST_COMPONENTS if flag == _ALL_NODES else _MOST_WITHOUT_DATA
+        known = flag in (_ALL_NODES, _NO_NODES) and 0 <= components <= most
         records.check(known, f"{name!r} of {components} components with flag {flag}", at)
         place = None
         if flag == _ALL_NODES:

@@ -38,7 +38,7 @@ from fembridge.typing import FloatArray, Table
 INDEX = "index"
 
 _LEAST_ROWS, _LEAST_COLUMNS = 2, 2
-_MOST_LINES_ABOVE, _MOST_TABLES = 200, 100_000
+_MOST_LINES_ABOVE, _MOST_TABLES, _MOST_LINES = 200, 100_000, 2_000_000
 _NODE = re.compile(r"\b(?:node|n:) *:? *([0-9]{1,18})\b", re.IGNORECASE)
 _TIME = re.compile(r"\btime\b", re.IGNORECASE)
 _VON_MISES = re.compile(r"\bmises\b|\bequivalent cauchy stress\b", re.IGNORECASE)
@@ -207,6 +207,8 @@ def _groups(path: Path) -> Iterator[tuple[_Group, str]]:
     group: _Group | None = None
     number, cut = 0, ""
     for number, line, ended in text_lines(path):
+        if number > _MOST_LINES:
+            raise ResultError(f"more than {_MOST_LINES} lines: no plot", path, number)
         text = _in_utf8(line)
         numbers = _numbers(text)
         if group is None or len(numbers) != group.columns:
@@ -228,7 +230,8 @@ def read_plot_tables(path: Path) -> tuple[list[PlotTable], str]:
     above: deque[str] = deque(maxlen=_MOST_LINES_ABOVE)
     before: _Group | None = None
     cut = ""
-    for group, cut in _groups(path):
+    for group, text in _groups(path):
+        cut = text
         if before is not None and before.is_table:
             places.append((list(above), before, group))
             above.clear()
@@ -251,7 +254,9 @@ def read_plot_tables(path: Path) -> tuple[list[PlotTable], str]:
         if after.columns or _like_row(after.texts[0], width):
             raise ResultError(f"no row of {width} numbers, at a table of such", path, end)
         if labels[0] != "column_1" and texts and _like_row(texts[-1], width):
-            raise ResultError(f"no row of {width} numbers, at a table of such", path, group.line - 1)
+            raise ResultError(
+                f"no row of {width} numbers, at a table of such", path, group.line - 1
+            )
         if (bad := np.argwhere(~np.isfinite(values))).size:
             problem = "a number that is not finite, or not in ASCII digits"
             raise ResultError(problem, path, group.line + int(bad[0][0]))

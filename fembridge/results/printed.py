@@ -50,7 +50,7 @@ _FRD_ORDER = [0, 1, 2, 3, 5, 4]  # xx yy zz xy yz zx of xx yy zz xy xz yz
 _DEFAULTS = ReadOptions()
 _LOOK_BYTES = 1 << 14
 _LINES_AT_ONCE = 4096  # of records that are not in a table of equal lines
-_MOST_STRANGERS = 1_000_000  # lines of no section
+_MOST_STRANGERS = 200_000  # lines of no section
 _MOST_NOTES, _SHOWN_CHANGES = 3, 5
 
 _HEADER = re.compile(
@@ -160,10 +160,10 @@ def dat_sections(
         if rows is not None:
             yield rows.section()
         rows, header, blank_lines, lost = None, "", 0, False
-        eigen = _MODE.match(line)
-        if eigen or _FREQUENCY.fullmatch(line):
+        eigen = _MODE.match(line) if "N U M B E R" in line else None
+        if eigen or ("F R E Q U E N C Y" in line and _FREQUENCY.fullmatch(line)):
             mode, over_time = int(eigen[1]) if eigen else None, False
-        head = _STATISTICS.fullmatch(text[:_LONGEST_HEADER])
+        head = _STATISTICS.fullmatch(text[:_LONGEST_HEADER]) if "statistics" in text else None
         if head is not None:
             statistics = head
             continue
@@ -592,8 +592,6 @@ def _whole(
         firsts.setdefault(key, section)
         if varies:
             springs.setdefault(section.quantity, []).append((section.time_ms, len(section.labels)))
-            if doubt := _equal_records(section):
-                doubts.setdefault(doubt)
         elif section.over_time and section.label_names:
             same = of_set.get((section.set_name, section.label_names), section)
             of_set[section.set_name, section.label_names] = section
@@ -624,19 +622,7 @@ def _other_springs(section: DatSection, active: DatSection | None) -> str:
     return f"{section} has {count} records, {active.quantity} {len(active.labels)}, or of others"
 
 
-def _equal_records(section: DatSection) -> str:
-    """Which two records of contact springs are equal, one behind the other; or ""."""
-    together = np.hstack([section.labels, section.values])
-    equal = (together[1:] == together[:-1]).all(axis=1) & section.values[1:].any(axis=1)
-    if not equal.any():
-        return ""
-    row = int(np.argmax(equal)) + 1
-    return f"{section}: records {row} and {row + 1} are equal: a line may be duplicate"
-
-
-def _note_springs(
-    quantity: str, counts: Sequence[tuple[float, int]], options: ReadOptions
-) -> None:
+def _note_springs(quantity: str, counts: Sequence[tuple[float, int]], options: ReadOptions) -> None:
     """Note when the count of active springs changes, which a lost or duplicate row does, too."""
     changes = [
         f"{count} at {time_ms:g} ms"
@@ -672,7 +658,7 @@ def _damage(section: DatSection, first: DatSection, before: DatSection | None) -
     if section.time_ms < before.time_ms:
         return f"{section} comes after {before.time_ms:g} ms"
     same = section.time_ms == before.time_ms and np.array_equal(section.values, before.values)
-    return f"{section} is duplicate" if same and count else ""
+    return f"{section} is duplicate" if same else ""
 
 
 def _section_rows(section: DatSection, path: Path, options: ReadOptions) -> Iterator[Row]:

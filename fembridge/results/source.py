@@ -17,6 +17,7 @@ import numpy as np
 
 from decks.unit_system import UnitSystem
 from fembridge.errors import ResultError, UsageError
+from fembridge.memory import check_unpacked
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.fields import (
     Block,
@@ -205,11 +206,14 @@ class FieldSource(Source, Generic[_Block]):
         fields: list[Field] = []
         for block in blocks:
             fields.append(self.whole(block, fields[-1].nodes if fields else None))
-        nodes = fields[0].nodes
-        for one in fields:
-            if one.nodes is not fields[0].nodes:
-                nodes = np.union1d(nodes, one.nodes)
-        nodes = np.unique(nodes)
+        distinct = {
+            id(one.nodes.base): one.nodes for one in fields
+        }  # `whole` keeps equal ones once
+        nodes = np.unique(np.concatenate(list(distinct.values())))
+        # A few nodes at each output, always others, make a large table of a small file.
+        table_bytes = 8 * len(fields) * nodes.size * len(blocks[0].components)
+        subject, failed = f"{blocks[0].name} at all nodes", ResultError.at(self.path)
+        check_unpacked(self.file.size, table_bytes, subject, failed, copies=3)
         values = np.full((len(fields), nodes.size, len(blocks[0].components)), np.nan)
         for row, one in enumerate(fields):
             rows = rows_of(nodes, one.nodes)

@@ -15,6 +15,7 @@ real files. Time is taken as s, length as mm.
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
+from functools import cache
 from itertools import accumulate, islice, pairwise
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,9 @@ from fembridge.trace import seconds_to_ms
 SUCCESS = 3004
 """The exit number of a job of Marc that reached its end."""
 
-_REAL = re.compile(r" *[+-]?\d*\.\d*(?:[Ee][+-]?\d{1,3}|[+-]\d{2,3})? *")
+_REAL = re.compile(r" *[+-]?\d?\.\d{4,}(?:[Ee][+-]\d{2,3}|[+-]\d{3}) *")
+_WORD = re.compile(r"[^\sU]+")  # U behind an attempt that failed
+_NO_LETTER = re.compile(r"(?<=[\d.])(?=[+-])")
 _NOT_ZERO = re.compile(r" *[+-]?0*\.?0*[1-9]")
 _REAL_OF_MARC = re.compile(r" *[+-]?\d\.\d{4}(?:E[+-]\d{2}|[+-]\d{3}) *")
 _OVERFLOW = re.compile(r" *\*+ *")
@@ -142,7 +145,7 @@ def fortran(text: str) -> float:
     ValueError
         It is no number, or out of the range of float64.
     """
-    value = parse_number(re.sub(r"(?<=[\d.])(?=[+-])", "E", text))
+    value = parse_number(_NO_LETTER.sub("E", text))
     if value == 0.0 and _NOT_ZERO.match(text):
         raise ValueError(f"{text.strip()!r} is too small for a number of float64")
     return value
@@ -198,9 +201,14 @@ _STS: _Columns = (
 )  # fmt: skip
 
 
+@cache
+def _ends(widths: tuple[int, ...]) -> list[int]:
+    return list(accumulate(widths))
+
+
 def _row(kind: Callable[..., Any], columns: _Columns, line: str, path: Path, number: int) -> Any:  # noqa: ANN401
     """A `kind` of a line; by words, where the columns do not stand where they are known to."""
-    ends = list(accumulate(width for width, _ in columns))
+    ends = _ends(tuple(width for width, _ in columns))
     cells = [line[end - width : end] for end, (width, _) in zip(ends, columns, strict=True)]
     if kind is StsRow and len(line.split()) == len(columns):
         cells, line = line.split(), ""
@@ -277,9 +285,17 @@ def status_rows(path: Path, options: ReadOptions) -> Iterator[Sequence[object]]:
         rows, problem = found.rows, found.problem
     else:
         rows = read_sta(path) if kind is StaRow else read_cvg(path)
+        header_lines, ends, doubt = 2 if kind is StaRow else 4, list[int](), ""
         for number, line, ended in text_lines(path):
+            if number > header_lines and ended and line.strip() and not doubt:
+                now = [word.end() for word in _WORD.finditer(line)]
+                if len(now) == len(ends) and now != ends:
+                    doubt = f"line {number}: its columns are not those of the lines above"
+                ends = now
             if not ended:
                 problem = f"line {number} has no end yet and is left out: {line[:40]!r}"
+        if doubt:
+            options.note(doubt)
     if message := _out_of_order(rows):
         options.refuse(message, path)
     elif message := _contradiction(rows):
@@ -327,16 +343,19 @@ def _contradiction(rows: Sequence[Any]) -> str:
     times and counts over the job.
     """
     for number, (before, row) in enumerate(pairwise(rows), start=2):
-        if isinstance(row, CvgRow) or (isinstance(row, StaRow) and row.step != before.step):
+        if isinstance(row, CvgRow):
             continue
-        names = ["total_time_ms"]
-        share = _STS_ROUNDING
+        share, sums = _STS_ROUNDING, {"total_time_ms": before.total_time_ms}
         growth_ms = row.increment_time_ms
         if isinstance(row, StaRow):
-            names, share = ["total_time_ms", "step_time_ms"], _STA_ROUNDING
+            share, sums = _STA_ROUNDING, {"step_time_ms": before.step_time_ms, **sums}
             growth_ms = 0.0 if row.failed else growth_ms
-        for name in names:
-            expected_ms = getattr(before, name) + growth_ms
+            if row.step != before.step:
+                sums["step_time_ms"] = 0.0
+                if row.total_time_ms <= before.total_time_ms:  # TIME RESET
+                    del sums["total_time_ms"]
+        for name, before_ms in sums.items():
+            expected_ms = before_ms + growth_ms
             if abs(getattr(row, name) - expected_ms) > share * abs(expected_ms):
                 return (
                     f"row {number}, of increment {row.increment}: {name} is "
@@ -348,7 +367,10 @@ def _contradiction(rows: Sequence[Any]) -> str:
                 cases = before.load_case, before.load_case + 1
                 if row.load_case not in cases:
                     return f"row {number}: load case {row.load_case} comes after {cases[0]}"
-            if None not in (row.remeshings, before.remeshings) and row.remeshings < before.remeshings:
+            if (
+                None not in (row.remeshings, before.remeshings)
+                and row.remeshings < before.remeshings
+            ):
                 return f"row {number}, of increment {row.increment}: remeshings become fewer"
             for name in ("cycles", "separations", "cut_backs"):
                 total, last = getattr(row, f"total_{name}"), getattr(before, f"total_{name}")

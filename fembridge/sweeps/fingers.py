@@ -54,7 +54,7 @@ _FIGURES = 6
 _MOST_OPTIMISED = 200
 
 _NUMBER = r"(\d+(?:\.\d+)?)"
-_WORDS = re.compile(rf"(?:±|\+/?-)?\s*{_NUMBER}\s*%|factor\s+{_NUMBER}")
+_WORDS = re.compile(rf"(?:±|\+/?-)?\s*{_NUMBER}\s*%|factor\s+{_NUMBER}", re.ASCII)
 
 CONTACT = "contact."
 """What the names of a contact model begin with."""

@@ -21,10 +21,9 @@ from decks.presets import QUICK
 from decks.section import section_of
 from fembridge.errors import FembridgeWarning, TableError, UsageError
 from fembridge.store import write_text
-from fembridge.tables import AFFERENTS
+from fembridge.tables import AFFERENTS, read_table
 from fembridge.touching.named import named
 from fembridge.touching.pad import LATTICE_LENGTH_MM, Pad
-from fembridge.touching.table import read_touch_table
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -232,9 +231,7 @@ class Population:
             Not such a table, with the line; a column of another name.
         """
         path = Path(path)
-        table = read_touch_table(
-            path, ("afferent", "x_mm", "z_mm"), ("unit", "depth_mm", "deviate")
-        )
+        table = read_table(path, ("afferent", "x_mm", "z_mm"), ("unit", "depth_mm", "deviate"))
         if not table.size:
             raise TableError("a header and no rows, expected units", path)
         _check_count(table.size)

@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from fembridge.errors import UsageError
 from fembridge.memory import check_memory
 from fembridge.store import read_bytes
+from fembridge.tables import warn_if_cut
 from fembridge.touching.named import named
 from fembridge.touching.png import MAX_PIXELS, SIGNATURE, read_png
-from fembridge.touching.table import check_line_end
 from fembridge.typing import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -508,7 +508,7 @@ def _table(path: Path, content: bytes) -> FloatArray:
             raise
         heights[done : done + len(block)] = numbers.reshape(len(block), columns)
         done += len(block)
-    check_line_end(path, content[-1:])
+    warn_if_cut(path, content[-1:])
     return heights
 
 

@@ -11,9 +11,9 @@ from decks.stimuli import DT_MS
 from fembridge.errors import UsageError
 from fembridge.stimulus import Stimulus
 from fembridge.stimulus_file import stimuli_of
+from fembridge.tables import read_table
 from fembridge.touching.contact import MM_PER_UM, MOST_UM
 from fembridge.touching.shape import MAX_AWAY_MM, MAX_TURN_DEG, Shape, check_range
-from fembridge.touching.table import read_touch_table
 from fembridge.typing import FloatArray
 
 _MS_PER_S = 1.0e3
@@ -170,7 +170,7 @@ class Way:
             Not such a table, a column of another name, or too long a time.
         """
         path = Path(path)
-        table = read_touch_table(path, ("time_ms", "x_mm", "z_mm"), ("depth_um", "force_n"))
+        table = read_table(path, ("time_ms", "x_mm", "z_mm"), ("depth_um", "force_n"))
         pressed = [name for name in ("depth_um", "force_n") if name in table.header]
         if len(pressed) != 1 or table.size < 2:
             raise UsageError(f"{path}: expected two rows or more with either depth_um or force_n")
@@ -239,7 +239,7 @@ def read_pins(path: Path | str, preindent_um: float = 0.0) -> Way:
     TableError, StimulusError
         Not such a table, or no such stimulus.
     """
-    table = read_touch_table(Path(path), ("x_mm", "z_mm", "diameter_mm", "stimulus"), ())
+    table = read_table(Path(path), ("x_mm", "z_mm", "diameter_mm", "stimulus"), ())
     if not 1 <= table.size <= _MAX_PINS:
         raise UsageError(f"{path}: {table.size} pins, expected 1 to {_MAX_PINS}")
     x_mm, z_mm, diameter_mm = (

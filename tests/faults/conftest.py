@@ -6,6 +6,7 @@ holds what the program says against the row that names the test.
 
 import os
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -82,6 +83,14 @@ def refused(capsys, as_in_table):
         return lines[-1]
 
     return run
+
+
+@pytest.fixture
+def file_size_limit():
+    """Refuse to write more than so many bytes to a file, as a full disk would."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    yield lambda most: resource.setrlimit(resource.RLIMIT_FSIZE, (most, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def contents(folder):

@@ -2,7 +2,6 @@
 
 import gc
 import json
-import resource
 
 import numpy as np
 import pytest
@@ -69,14 +68,6 @@ def little_room(tmp_path):
         return place, f'mount -t tmpfs -o size={kib}k none "{place}"'
 
     return mount
-
-
-@pytest.fixture
-def file_size_limit():
-    """Refuse to write more than so many bytes to a file, as a full disk would."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    yield lambda most: resource.setrlimit(resource.RLIMIT_FSIZE, (most, hard))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def test_a_limit_of_file_size_leaves_the_earlier_results(

@@ -2,7 +2,6 @@
 
 import gzip
 import os
-import resource
 import signal
 
 import pytest
@@ -93,14 +92,10 @@ def test_a_run_that_is_killed_leaves_what_the_next_run_removes(
     assert not names_below(temporary)
 
 
-def test_a_lock_that_cannot_be_written_leaves_no_file(tmp_path, as_in_table):
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))
-    try:
-        with pytest.raises(OutputError) as problem, folder_lock(tmp_path, ".lock"):
-            pytest.fail("locked without a number")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+def test_a_lock_that_cannot_be_written_leaves_no_file(tmp_path, as_in_table, file_size_limit):
+    file_size_limit(0)
+    with pytest.raises(OutputError) as problem, folder_lock(tmp_path, ".lock"):
+        pytest.fail("locked without a number")
     as_in_table(str(problem.value))
     assert not names_below(tmp_path)
 
@@ -114,6 +109,26 @@ def test_a_packed_result_has_no_name_where_it_is_unpacked(temporary, tmp_path):
         assert file.line(0) == (b"    1C", 7)
 
 
+def test_a_full_temporary_folder_is_named_with_the_variable_of_another(
+    temporary, tmp_path, refused, file_size_limit
+):
+    path = tmp_path / "job.frd.gz"
+    path.write_bytes(gzip.compress(os.urandom(20_000)))
+    file_size_limit(4096)
+    refused("ingest", path, "-o", tmp_path / "traces.csv")
+    assert not names_below(temporary)
+
+
+def test_an_export_of_several_stimuli_on_a_full_disk_is_all_or_nothing(
+    tmp_path, refused, file_size_limit
+):
+    folder = tmp_path / "waves"
+    file_size_limit(8000)
+    ids = "ramp_50_10_5_10,sine_20_250"  # the first has room
+    refused("stimuli", "--export", "csv", ids, "-o", folder)
+    assert not folder.exists()
+
+
 def test_a_temporary_folder_that_a_kill_left_is_removed_by_the_next(temporary):
     abandoned = temporary / f"{DRAFT_PREFIX}killed"
     abandoned.mkdir()
@@ -123,12 +138,10 @@ def test_a_temporary_folder_that_a_kill_left_is_removed_by_the_next(temporary):
     assert not names_below(temporary)
 
 
-def test_a_disk_without_room_for_the_solver_s_copy_keeps_no_half_of_it(fake_ccx, make_run, refused):
+def test_a_disk_without_room_for_the_solver_s_copy_keeps_no_half_of_it(
+    fake_ccx, make_run, refused, file_size_limit
+):
     folder = make_run(deck="** play normal\n" + "** a line\n" * 1000)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
-    try:
-        refused("run", folder)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    file_size_limit(4096)
+    refused("run", folder)
     assert {path.name for path in folder.iterdir()} == {"job.inp", "run.toml"}

@@ -262,6 +262,12 @@ def test_a_folder_with_files_of_others_is_refused_as_a_cache(
         assert main([*words, "--no-cache"]) == 0
 
 
+def test_a_file_is_refused_as_a_cache(folder):
+    folder.write_text("notes")
+    with pytest.raises(UsageError, match="a file, expected a folder"):
+        cache.check_cache()
+
+
 def test_a_refused_cache_is_neither_read_nor_written(tmp_path, folder, results):
     cache.keep(KEY, "finger quick", {}, results)
     (folder / cache.TAG_FILE).unlink()

@@ -10,6 +10,7 @@ import pytest
 
 import fembridge as fb
 from fembridge.cli import main
+from fembridge.errors import FembridgeWarning
 from fembridge.tables import read_rates, read_spikes, read_traces
 from fembridge.trace import StressTrace, Traces
 from neural import PUBLISHED, encode, encode_cells
@@ -208,8 +209,9 @@ def test_a_sensor_of_a_robot_is_a_table_too(here, capsys):
         (name, unit) for name in ("SA", "RA") for unit in ("left", "right")
     }
     table = {"columns": {"time": "t_s", "value": ["left", "right"]}, "gain_pa": 2e4}
-    with pytest.warns(UserWarning, match="resampled to every 0.5 ms"):
-        again = fb.encode(robot, afferents=["SA", "RA"], stimulus="robot", **table)
+    lines = []
+    again = fb.encode(robot, afferents=["SA", "RA"], stimulus="robot", **table, log=lines.append)
+    assert any("resampled to every 0.5 ms" in line for line in lines)
     assert len(again) == sum(map(len, found.values()))
     times_ms = again.query("afferent == 'RA' and unit == 'right' and repeat == 1").spike_time_ms
     assert times_ms.tolist() == found["RA", "right", 1]
@@ -245,8 +247,11 @@ def test_stress_that_no_touch_gives_is_doubted_in_one_line(here, capsys, gain, s
     assert len(doubts) == bool(shown)
     assert shown in "".join(doubts)
     if shown:
-        with pytest.warns(UserWarning, match="peaks|all stress is 0"):
-            fb.encode(whole)
+        assert doubts[0].startswith("warning: ")
+        lines = []
+        with pytest.warns(FembridgeWarning, match="peaks|all stress is 0"):
+            fb.encode(whole, log=lines.append)
+        assert not any(shown in line for line in lines)
 
 
 def test_a_change_of_step_that_loses_power_is_said(here, capsys):
@@ -266,7 +271,8 @@ def test_a_change_of_step_that_loses_power_is_said(here, capsys):
 
 
 def test_an_even_table_is_resampled_where_that_is_asked(here):
-    (trace,) = read_traces(here / "sine_50_250.csv", resample_ms=5.0)[:1]
+    with pytest.warns(FembridgeWarning, match=r"4 % of its power is above 100 Hz: .* 2 more"):
+        (trace,) = read_traces(here / "sine_50_250.csv", resample_ms=5.0)[:1]
     (fine,) = read_traces(here / "sine_50_250.csv")[:1]
     assert trace.dt_ms == 5.0
     np.testing.assert_allclose(trace.stress_pa, fine.stress_pa[::10])

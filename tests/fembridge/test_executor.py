@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import pytest
@@ -117,7 +118,8 @@ def test_a_machine_without_loopback_gets_the_way_out_in_one_line(monkeypatch):
     def no_network(**options):
         raise RuntimeError("Cluster failed to start: Timed out trying to connect")
 
-    dask = SimpleNamespace(LocalCluster=no_network)
+    config = SimpleNamespace(set=nullcontext)
+    dask = SimpleNamespace(LocalCluster=no_network, config=config)
     monkeypatch.setattr(module, "import_module", lambda name: dask)
     with (
         pytest.raises(MissingError, match=r"Timed out .*; --executor local needs no network"),

@@ -116,6 +116,7 @@ def test_a_key_that_is_absent_or_holds_what_no_run_has_is_named(tmp_path, key, v
     assert key in caught.value.problem
 
 
+@pytest.mark.filterwarnings("ignore:.*1 of the 2 cells:fembridge.errors.FembridgeWarning")
 @pytest.mark.parametrize(
     ("content", "line"),
     [

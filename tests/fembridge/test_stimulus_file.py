@@ -14,7 +14,13 @@ import fembridge as fb
 from decks.stimuli import MAX_SAMPLES, resolve
 from decks.waveform import make_stimulus
 from fembridge.cli import main
-from fembridge.errors import FembridgeError, StimulusError, TableError, UsageError
+from fembridge.errors import (
+    FembridgeError,
+    FembridgeWarning,
+    StimulusError,
+    TableError,
+    UsageError,
+)
 from fembridge.run_folder import read_run_folder, read_waveform
 from fembridge.stimulus_file import FORMATS, read_stimulus, stimuli_of, write_stimulus
 
@@ -109,20 +115,21 @@ def test_seconds_millimetres_and_uneven_times_become_samples_every_half_ms(tmp_p
     assert_allclose(back.displacement_um, exact_um, rtol=0, atol=0.1)
     assert back.id == "robot_arm"
     assert back.times_ms[-1] == pytest.approx((times_s[-1] - times_s[0]) * 1e3, abs=0.5)
-    (line,) = said
-    assert "400 samples, uneven times, resampled" in line
+    unused, resampled = said
+    assert unused.endswith("column not used: note")
+    assert "400 samples, uneven times, resampled" in resampled
 
 
 def test_what_lies_above_half_the_rate_is_said(tmp_path):
     times_ms = np.arange(2000) * 0.05
     said = []
-    for hz in (100.0, 4000.0):
+    for hz in (100.0, 3900.0):
         samples = 10 * np.sin(2e-3 * np.pi * hz * times_ms)
-        np.save(tmp_path / "a.npy", samples)
-        read_stimulus(tmp_path / "a.npy", dt_ms=0.05, log=said.append)
-    slow, fast = said
-    assert slow.endswith("one every 0.5 ms")
-    assert "100 % of its power is above 1000 Hz" in fast
+        np.save(tmp_path / f"{hz:g}.npy", samples)
+    read_stimulus(tmp_path / "100.npy", dt_ms=0.05, log=said.append)
+    assert said[0].endswith("one every 0.5 ms")
+    with pytest.warns(FembridgeWarning, match="100 % of its power is above 1000 Hz"):
+        read_stimulus(tmp_path / "3900.npy", dt_ms=0.05)
 
 
 def test_the_first_sample_is_where_the_probe_stands_before(tmp_path):
@@ -175,7 +182,7 @@ def test_a_waveform_goes_through_every_verb_that_takes_a_stimulus(tap, capsys):
         ("a.csv", "time_ms,displacement_um\n0,-3\n1,5\n", "starts at -3 um"),
         ("a.npy", "none", "not an NPY"),
         ("a.wav", "none", "not a WAV"),
-        ("a.dat", "none", "not one whole table"),
+        ("a.dat", "none\n", "not one whole table"),
         ("a.txt", "none", "expected a waveform in one of .csv, .wav, .npy, .dat"),
     ],
 )

@@ -222,6 +222,28 @@ def test_trials_are_alike_without_noise_and_repeat_with_their_seed():
     )
 
 
+@pytest.mark.parametrize("name", ["published", "fitted", "fitted_pad"])
+@pytest.mark.parametrize("units", [3, 30])
+def test_units_in_parts_of_the_time_fire_as_in_one(monkeypatch, name, units):
+    """Recursive filters go on from part to part; few columns and many go different ways."""
+    chosen = parameter_set(name).parameters
+    rng = np.random.default_rng(1)
+    wave = np.cumsum(rng.normal(size=(900, units)), axis=0)
+    stress = 2e3 * np.abs(wave)
+    names = (["SA", "RA", "PC"] * units)[:units]
+    trials = {"trials": 2, "noise_mv": 0.4}
+
+    def fired():
+        return encode_units(stress, names, 0.5, chosen, rng=np.random.default_rng(2), **trials)
+
+    whole = fired()
+    monkeypatch.setattr("neural.encoder._UNIT_NUMBERS", 2_000)
+    parts = fired()
+    assert whole.time_ms.size > 20
+    np.testing.assert_array_equal(parts.time_ms, whole.time_ms)
+    np.testing.assert_array_equal(parts.unit, whole.unit)
+
+
 def test_noise_has_the_size_that_it_says():
     """Without leak and without a threshold the potential spreads by noise_mv sqrt(t)."""
     rng, chosen = np.random.default_rng(0), parameter_set("fitted_pad").parameters
