@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import fembridge as fb
 from fembridge.cli import main
+from fembridge.errors import ResultError
 from fembridge.run_folder import read_run_folder
 from fembridge.tables import read_traces
 
@@ -74,6 +76,10 @@ def test_a_run_without_afferents_is_listed_and_asks_for_nodes(here, run_folder, 
         assert main(["ingest", str(run_folder), *option]) == 2
         assert "its run.toml has no afferents" in capsys.readouterr().err
     assert main(["ingest", str(run_folder), "--node", "25", "-o", "a.csv"]) == 0
+    assert main(["encode", str(run_folder), "-o", "out"]) == 1
+    assert "run.toml names no afferent: choose nodes, fembridge" in capsys.readouterr().err
+    with pytest.raises(ResultError, match="names no afferent"):
+        fb.read(run_folder)
 
 
 def test_nodes_of_a_set_and_near_a_place_are_named_on_stderr(capsys):
