@@ -508,7 +508,7 @@ def test_json_is_all_that_stdout_holds(here, capsys):
     [
         (["--parameters", "absent.toml"], 2, "absent.toml"),
         (["--finger", "mine.toml"], 2, "mine.toml"),
-        (["-o", ""], 2, "expected the name of a folder"),
+        (["-o", ""], 2, "--output"),
         (["-o", "out"], 1, "fembridge: out: "),
     ],
 )
