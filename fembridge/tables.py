@@ -762,7 +762,7 @@ class TextTable:
                 _warn(self.path, f"{problem}: not used")
         if others and unused is not None:
             names = _cut(", ".join(others))
-            unused(f"column{'s' if len(others) > 1 else ''} not used: {names}")
+            unused(f"columns not used: {names}")
 
 
 def read_table(

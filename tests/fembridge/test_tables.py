@@ -267,7 +267,7 @@ def test_a_column_of_another_thing_is_named_or_refused(table):
     read_traces(table(rows), lines.append)
     assert lines == [f"{table(rows)}: columns not used: force_n, note"]
     rows = "stimulus,afferent,repeat,spike_time_ms,trial\ns,SA,0,3,1\n"
-    with pytest.warns(FembridgeWarning, match="column not used: trial"):
+    with pytest.warns(FembridgeWarning, match="columns not used: trial"):
         read_spikes(table(rows))
     with pytest.raises(TableError, match="unknown column 'sd'"):
         read_observed(table("stimulus,afferent,rate_ips,sd\nsine_20_250,SA,3,1\n"))
@@ -286,9 +286,7 @@ def test_row_numbers_of_pandas_and_empty_columns_of_a_spreadsheet_are_no_columns
         read_table(table("a,b,\n1,3,5\n2,4,6\n"), ("a", "b"), ())
 
 
-@pytest.mark.parametrize(
-    "cell", ["1_000", "\u0663", "\uff11\uff12", "1e999", "1e308", "nan", "0x10"]
-)
+@pytest.mark.parametrize("cell", ["1_000", "\u0663", "\uff11\uff12", "1e999", "nan", "0x10"])
 @pytest.mark.parametrize("read", TABLES)
 def test_a_cell_that_is_no_number_of_ours_is_refused_in_every_table(table, read, cell):
     *above, last = TABLES[read].splitlines(keepends=True)
