@@ -20,6 +20,7 @@ that tables made elsewhere still find their stimulus. No NumPy here: samples are
 
 import zlib
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from itertools import accumulate
 from math import isfinite
@@ -34,6 +35,9 @@ NYQUIST_HZ = 500.0 / DT_MS
 
 DECIMALS = 6
 """Decimals of an amplitude in um or a frequency in Hz; samples keep as many."""
+
+# More than any id, and short enough for a message.
+_LONGEST_NAME = 100
 
 # Beyond this a number has no six decimals; another check refuses it.
 _MOST = 1e9
@@ -316,11 +320,11 @@ def named(words: Sequence[str | Path]) -> tuple[Sequence[Path], Sequence[Entry]]
     """
     found: dict[str | Path, None] = {}
     for word in words:
-        whole = isinstance(word, Path) or Path(word).is_file()
+        whole = isinstance(word, Path) or _is_file(word)
         for part in [str(word)] if whole else str(word).split(","):
             path = Path(part.strip())
             is_path = whole or path.suffix.lower() in WAVEFORMS or len(path.parts) > 1
-            found[path if is_path or path.is_file() else part] = None
+            found[path if is_path or _is_file(path) else part] = None
     files = [one for one in found if isinstance(one, Path)]
     ids = [one for one in found if isinstance(one, str)]
     return files, resolve(ids) if any(map(str.strip, ids)) or not files else ()
@@ -338,7 +342,16 @@ def set_title(entry: Entry) -> str:
     return f"{between.join(numbers)} Hz"
 
 
+def _is_file(word: str | Path) -> bool:
+    """Whether a file has this name; a name that is too long is none."""
+    with suppress(OSError):
+        return Path(word).is_file()
+    return False
+
+
 def _named(name: str) -> tuple[Entry, ...]:
+    if len(name) > _LONGEST_NAME:
+        _refuse(f"{name[: _LONGEST_NAME - 3]}...")
     if name.lower() == EVERY:
         return CATALOGUE
     family, *texts = name.lower().split("_")

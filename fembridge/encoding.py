@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from decks.stimuli import resolve
-from fembridge.errors import FembridgeWarning, StimulusError, UsageError
+from fembridge.errors import FembridgeWarning, StimulusError, TraceError, UsageError
 from fembridge.response.response_map import reading_energy
 from fembridge.results import read
 from fembridge.run_folder import RUN_FILE
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 _TYPICAL_PA = {"SA": 3e4, "RA": 3e4, "PC": 1e3}
 _FAR = 300.0
 _SAME_STEP = 1.0e-4
+_MOST_PA = 1.0e30  # from here on sums of an afferent's equations may be infinite
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -222,6 +223,11 @@ def _ready(
             )
         names.add(key)
         step_ms, stress_pa = parameters[afferent].dt_ms, trace.stress_pa
+        if (most_pa := float(np.abs(stress_pa).max())) > _MOST_PA:
+            raise TraceError(
+                f"{' '.join(filter(None, key))} peaks at {most_pa:g} Pa, expected at most "
+                f"{_MOST_PA:g}: its unit (--gain-pa, gain_pa) or a number is wrong"
+            )
         if abs(trace.dt_ms - step_ms) > _SAME_STEP * step_ms:
             _, stress_pa = resample(trace.times_ms, stress_pa, step_ms)
             steps = (trace.dt_ms, step_ms)

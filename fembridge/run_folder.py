@@ -15,10 +15,12 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from decks.dialects import dialect_of
 from fembridge.errors import ResultError, TableError
 from fembridge.store import read_toml, structure, write_toml
-from fembridge.trace import AFFERENT_NAME, Origin, finger_id
+from fembridge.trace import AFFERENT_NAME, Origin, finger_id, mean_step
 from fembridge.typing import FloatArray, Table
 
 FORMAT = 1
@@ -274,7 +276,7 @@ def read_waveform(folder: Path) -> tuple[FloatArray, FloatArray]:
     Raises
     ------
     ResultError
-        There is none, or a row is not two finite numbers.
+        There is none, a row is not two finite numbers, or times are not even.
     """
     from fembridge.tables import read_table
 
@@ -286,4 +288,10 @@ def read_waveform(folder: Path) -> tuple[FloatArray, FloatArray]:
         raise ResultError(error.problem, path, error.line) from error
     if table.size < 2:
         raise ResultError(f"{table.size} samples, expected two or more", path)
+    with np.errstate(over="ignore", invalid="ignore"):  # of 1e308
+        _, odd = mean_step(times_ms)
+    if odd is not None:
+        before_ms, after_ms = times_ms[odd : odd + 2]
+        problem = f"time goes from {before_ms:g} to {after_ms:g} ms, expected an even step"
+        raise ResultError(problem, path, int(table.lines[odd + 1]))
     return times_ms, depth_um

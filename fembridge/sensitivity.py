@@ -19,6 +19,7 @@ import pandas as pd
 
 from decks.stimuli import resolve
 from fembridge.errors import StimulusError, TableError, UsageError
+from fembridge.number import parse_number
 from fembridge.tables import TextTable, read_table
 from fembridge.typing import BoolArray, FloatArray
 from fembridge.words import ABSENT, markdown, number, split_unit
@@ -33,6 +34,7 @@ OUTPUT = ["afferent", "quantity", "stimuli"]
 """An output: the mean of one quantity of one afferent over a group of stimuli."""
 
 RESULT_COLUMNS = ("stimulus", "afferent", RATE, STRESS, "status", "cause")
+_OF_AN_ITEM = ("spikes", "run")
 
 RESAMPLES = 2000
 SHARE = 0.95
@@ -82,7 +84,10 @@ def read_swept(path: Path) -> SweptFingers:
     """
     table = read_table(path)
     if "stimulus" in table.header:
-        return _from_results(read_table(path, RESULT_COLUMNS))
+        table.check_header(RESULT_COLUMNS)
+        parameters = table.header[: table.header.index("stimulus")]
+        table.check_columns((*parameters, *RESULT_COLUMNS), _OF_AN_ITEM)
+        return _from_results(table)
     found = {name: match.groups() for name in table.header if (match := _OUTPUT.fullmatch(name))}
     if not found:
         raise TableError(
@@ -140,8 +145,8 @@ def _parameters(cells: pd.DataFrame, path: Path) -> pd.DataFrame:
     cells = cells.loc[:, (cells != cells.iloc[:1].squeeze()).any()]
     for name, column in cells.items():
         try:
-            if np.isfinite(column.astype(float)).all():
-                continue
+            cells[name] = [parse_number(cell) for cell in column]
+            continue
         except ValueError:
             pass
         shown = ", ".join(repr(cell) for cell in column.unique()[:3])

@@ -54,6 +54,8 @@ _SCALE = re.compile(rb"fembridge: 32767 is (\S{1,40}) um\0")
 _LONGEST_NAME = 60
 # By so much of a step the last sample may be late, where times are rounded.
 _LATE_SAMPLES = 0.05
+# Steps that are too long for a touch, of more samples than the corners of a shape.
+_LONG_STEP_MS, _FEW_CORNERS = 20.0, 10
 # Peak of resident memory while a WAV or NPY is read and resampled, measured with 19 million.
 _BYTES_PER_SAMPLE = 64
 _TIME_COLUMNS = {"time_ms": 1.0, "time_s": 1.0 / S_PER_MS}
@@ -370,7 +372,7 @@ def _wav(
     from scipy.io import wavfile  # slow to import
 
     try:
-        _check_chunks(content)
+        end = _check_chunks(content)
         _check_samples(len(content))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", wavfile.WavFileWarning)  # a chunk of others
@@ -381,6 +383,9 @@ def _wav(
         raise
     except Exception as error:  # whatever a damaged header makes of the parser
         raise StimulusError(f"not a WAV: {_short(error)}") from error
+    if (rest := content[end:]) and not (end % 2 and rest == b"\0"):
+        problem = f"{len(rest)} bytes behind the end that its header states: damaged?"
+        warnings.warn(f"{path}: {problem}", FembridgeWarning, stacklevel=4)
     stated = _SCALE.search(content)
     scale_um = full_scale_um
     if stated and not scale_um:
@@ -401,10 +406,13 @@ def _wav(
     return times_ms, samples, None
 
 
-def _check_chunks(content: bytes) -> None:
-    """Refuse a WAV whose chunks do not fill it: one that is cut, or whose sizes are damaged.
+def _check_chunks(content: bytes) -> int:
+    """The end of a WAV as its header states it, which its chunks must fill.
 
-    What other programs write behind the end that it states does not count.
+    Raises
+    ------
+    ValueError
+        It is cut, or its sizes are damaged.
     """
     if content[:4] != b"RIFF" or content[8:12] != b"WAVE":
         raise ValueError("cut, or no RIFF")
@@ -422,6 +430,7 @@ def _check_chunks(content: bytes) -> None:
     for name in (b"fmt ", b"data"):
         if names.count(name) != 1:
             raise ValueError(f"{names.count(name)} chunks {name.decode()!r}, expected one")
+    return end
 
 
 def _check_samples(count: int) -> None:
@@ -482,6 +491,8 @@ def _every_half_ms(
         doubt = doubt_of_gaps(times_ms)
     elif step_ms < DT_MS:
         doubt = doubt_of_step(samples_um[:, 0], step_ms, DT_MS)
+    elif step_ms > _LONG_STEP_MS and times_ms.size > _FEW_CORNERS:
+        doubt = f"{times_ms.size} samples, one every {step_ms:g} ms: in which unit is the time?"
     if doubt:
         warnings.warn(f"{path}: {doubt}", FembridgeWarning, stacklevel=4)
     return resampled

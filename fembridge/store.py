@@ -354,6 +354,7 @@ def _holder(path: Path) -> str:
     return f"process {number}" if number.isdigit() else "another process"
 
 
+_LONGEST_SHOWN = 80  # of a value in a message
 MAX_DECK_BYTES = 1 << 29
 MAX_TOML_BYTES, MAX_TOML_KEYS, MAX_TOML_DEPTH = 1_000_000, 10_000, 8
 _KEY_PART = rb"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*"""
@@ -467,7 +468,7 @@ def _converter() -> "Converter":
 
         def hook(value: Any, _: object) -> object:  # noqa: ANN401 - whatever TOML has
             if not isinstance(value, types) or (isinstance(value, bool) and kind is not bool):
-                raise ValueError(f"{value!r}, expected {words}")
+                raise ValueError(f"{repr(value)[:_LONGEST_SHOWN]}, expected {words}")
             try:
                 found = kind(value) if made is None else made(value, kind)
             except OverflowError:

@@ -25,6 +25,7 @@ import math
 import re
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -254,10 +255,24 @@ def read_traces(
             _warn(path, f"a sample every {step_ms:g} ms: {line}")
         else:
             say(line)
+    if doubt := _doubt_of_ends(traces):
+        _warn(path, doubt)
     if doubts:
         more = f" (and of {len(doubts) - 1} more)" if len(doubts) > 1 else ""
         _warn(path, f"{doubts[0]}{more}")
     return traces
+
+
+def _doubt_of_ends(traces: Sequence[StressTrace]) -> str | None:
+    """Which trace ends before another one of its stimulus, as of a table that is cut."""
+    last: dict[str, tuple[float, float]] = {}  # and the step
+    for trace in traces:
+        end_ms = trace.start_ms + (trace.stress_pa.size - 1) * trace.dt_ms
+        other_ms, step_ms = last.setdefault(trace.stimulus, (end_ms, trace.dt_ms))
+        if abs(end_ms - other_ms) > 1.5 * max(step_ms, trace.dt_ms):
+            who = trace.unit or (f"node {trace.node}" if trace.node else str(trace.afferent))
+            return f"{_cut(who)} ends at {end_ms:g} ms, others at {other_ms:g} ms: a cut table?"
+    return None
 
 
 def _warn(path: Path, doubt: str, line: int | None = None) -> None:
@@ -694,6 +709,10 @@ class TextTable:
                 positions.append(position)
         return positions
 
+    def check_header(self, columns: Sequence[str]) -> None:
+        """Refuse a table that lacks one of `columns`, or has it twice; a TableError."""
+        _check_header(self.header, columns, self.path, self.header_line)
+
     def check_columns(
         self,
         columns: Sequence[str],
@@ -743,7 +762,7 @@ class TextTable:
                 _warn(self.path, f"{problem}: not used")
         if others and unused is not None:
             names = _cut(", ".join(others))
-            unused(f"column{'s' if len(others) > 1 else ''} not used: {names}")
+            unused(f"columns not used: {names}")
 
 
 def read_table(
@@ -846,7 +865,7 @@ def _text_table(content: bytes, path: Path, columns: Sequence[str] = ()) -> Text
     empty[0] = True  # the header
     cells = cells[1:] if empty.sum() == 1 else cells[~empty]
     table = TextTable(path, header, cells, lines[~empty], header_line)
-    _warn_of_short_rows(table, content)
+    _warn_of_short_rows(table, content, header_line)
     return table
 
 
@@ -958,29 +977,31 @@ def _line_ends_in(cells: "pd.DataFrame", lines: int) -> IntArray:
     return np.cumsum(ends)
 
 
-def _warn_of_short_rows(table: TextTable, content: bytes) -> None:
-    """Name the first row that has fewer cells than the header has names."""
+def _warn_of_short_rows(table: TextTable, content: bytes, line: int, separator: str = ",") -> None:
+    """Name the first row that has fewer cells than the header has names.
+
+    `content` begins with `line`.
+    """
     columns = max((at for at, name in enumerate(table.header, start=1) if name), default=0)
-    if columns < 2 or not (table.cells[columns - 1] == "").any():
+    last = table.cells[columns - 1] if columns > 1 else None
+    if last is None or last.dtype.kind in "iuf" or not (last == "").any():
         return
-    stream = io.TextIOWrapper(io.BytesIO(content), "utf-8", newline="")
-    if b'"' in content:
-        reader = csv.reader(stream)
-        try:
-            rows = [(reader.line_num, len(row)) for row in reader if any(map(str.strip, row))]
-        except csv.Error:
-            return
+    stream = io.TextIOWrapper(io.BytesIO(content), "utf-8", "replace", newline="")
+    if b'"' in content and separator != " ":
+        reader = csv.reader(stream, delimiter=separator)
+        rows = ((reader.line_num, len(row)) for row in reader if any(map(str.strip, row)))
     else:
-        rows = [
-            (line, row.count(",") + 1)
-            for line, row in enumerate(stream, start=1)
-            if row.strip(", \t\r\n")
-        ]
-    for line, count in rows:
-        if count < columns:
-            problem = f"{count} of the {columns} cells in the header: the others are taken as empty"
-            _warn(table.path, problem, line + table.header_line - 1)
-            return
+        rows = (
+            (number, len(row.split(None if separator == " " else separator)))
+            for number, row in enumerate(stream, start=1)
+            if row.strip(f"{separator} \t\r\n")
+        )
+    with suppress(csv.Error):
+        for number, count in rows:
+            if count < columns:
+                problem = f"{count} of the {columns} cells in the header"
+                _warn(table.path, f"{problem}: the others are taken as empty", line + number - 1)
+                return
 
 
 def _silent(line: str) -> None:
@@ -1103,7 +1124,9 @@ def _others_table(content: bytes, path: Path) -> TextTable | None:
         table = read_table(_cells_in(rows, len(header), separator).set_axis(header, axis=1))
     except (ValueError, csv.Error) as error:
         raise TableError(f"no table: {_cut(str(error))}", path) from error
-    return replace(table, path=path, lines=table.lines + above, header_line=max(above, 1))
+    table = replace(table, path=path, lines=table.lines + above, header_line=max(above, 1))
+    _warn_of_short_rows(table, rows, above + 1, separator)
+    return table
 
 
 def _check_header(header: Sequence[str], columns: Sequence[str], path: Path, line: int = 1) -> None:

@@ -182,8 +182,11 @@ def resample(
     rows = np.unique(np.clip(before[:, None] + np.arange(-1, 3), 0, times_ms.size - 1))
     if rows.size < times_ms.size:
         times_ms, values = times_ms[rows], values[rows]
-    with np.errstate(over="ignore", invalid="ignore"):  # of 1e200
-        resampled: FloatArray = PchipInterpolator(times_ms, values, axis=0)(even_ms)
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):  # of 1e200
+            resampled: FloatArray = PchipInterpolator(times_ms, values, axis=0)(even_ms)
+    except ValueError as error:  # of 1e308, whose slope is not finite
+        raise TraceError(f"values too large to resample: {np.abs(values).max():g}") from error
     return even_ms, resampled
 
 
@@ -207,8 +210,8 @@ def doubt_of_step(values: FloatArray, dt_ms: float, step_ms: float) -> str | Non
             power = (np.abs(np.fft.rfft(windowed)) ** 2).sum(axis=0)
             total += power.sum()
             above += power[np.fft.rfftfreq(count, dt_ms / MS_PER_S) > limit_hz].sum()
-    share = above / total if total else 0.0
-    if not share > _FOLDED_SHARE:
+    share = float(above) / float(total) if total else 0.0
+    if not share > _FOLDED_SHARE:  # nor where it is not a number
         return None
     what = f"{100 * share:.0f} % of its power is above {limit_hz:g} Hz: "
     return what + ("filter it first" if finer else "rates may be off: sample it every 0.5 ms")

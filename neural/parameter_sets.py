@@ -19,7 +19,6 @@ of the fit only the finger and the equations are read: numbers that were fitted 
 equation than this version's are refused. So is all else.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -41,6 +40,9 @@ PAD_FILE = Path(__file__).parent / "fitted_pad.toml"
 DEFAULT_SET = "fitted"
 
 SET_NAMES = ("published", "fitted", "fitted_pad")
+
+_DEEPEST_UM = 10_000.0  # more than the thickness of the pad
+_LONGEST_NAME = 255  # as that of a file
 
 _ORIGIN_KEYS = ("name", "fit", "study")
 _NO_SECTIONS = {"base", "preindent_um", *_ORIGIN_KEYS}
@@ -117,8 +119,15 @@ class _Head:
     preindent_um: float
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.preindent_um) and self.preindent_um >= 0):
-            raise ParameterError(f"preindent_um is {self.preindent_um}, expected a number >= 0")
+        if not 0 <= self.preindent_um <= _DEEPEST_UM:
+            raise ParameterError(
+                f"preindent_um is {self.preindent_um}, expected a number >= 0, at most "
+                f"{_DEEPEST_UM:g}"
+            )
+        if not 0 < len(self.name) <= _LONGEST_NAME or not self.name.isprintable():
+            raise ParameterError(
+                f"name is {self.name[:40]!r}, expected 1 to {_LONGEST_NAME} printable characters"
+            )
 
 
 def parameter_set(wanted: str | Path | ParameterSet) -> ParameterSet:

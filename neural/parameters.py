@@ -30,6 +30,8 @@ _POTENTIALS = ("rest_mv", "threshold_mv")
 
 # A refractory period that no stimulus outlasts is a mistake.
 _MOST = {"refractory_ms": 1.0e5, "spread": 10.0}
+# Beyond these a product of two parameters may be infinite, and no afferent has such a number.
+_SMALLEST, _LARGEST = 1.0e-12, 1.0e12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,10 +78,14 @@ class AfferentParameters:
             number = float(getattr(self, name))
             object.__setattr__(self, name, number)
             potential, zero = name in _POTENTIALS, name in _MAY_BE_ZERO and number == 0
-            most = _MOST.get(name, math.inf)
-            if not (math.isfinite(number) and (potential or zero or 0 < number <= most)):
+            most = _MOST.get(name, _LARGEST)
+            inside = abs(number) <= most if potential else _SMALLEST <= number <= most
+            if not (math.isfinite(number) and (zero or inside)):
                 expected = "a finite number" if potential else "> 0"
-                expected += f" and at most {most:g}" if name in _MOST else ""
+                if name in _MOST or abs(number) > most:
+                    expected += f" and at most {most:g}"
+                elif number > 0:
+                    expected += f" and at least {_SMALLEST:g}"
                 raise ParameterError(
                     f"{self.afferent}: {name} is {number:g}, expected {expected}"
                     f"{' (or 0)' if name in _MAY_BE_ZERO else ''}"

@@ -315,6 +315,8 @@ def _flat(table: Mapping[str, object], above: str = "") -> Table:
     flat: Table = {}
     for key, value in table.items():
         name = f"{above}{key}"
+        if value == {}:
+            raise UsageError(f"{name}: an empty section, expected a key")
         inner = _flat(value, f"{name}.") if isinstance(value, Mapping) else {name: value}
         for one, content in inner.items():
             if "." not in one:

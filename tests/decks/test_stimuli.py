@@ -121,6 +121,9 @@ def test_numbers_of_ones_own_are_welcome_where_they_are_complete(word, entry):
         ("ramp_300_100_200_0.7", "multiple of 0.5"),
         ("ramp_300_100_99900_100", "must end within 100000 ms"),
         ("rmp_300_100_200_100", "did you mean ramp"),
+        ("ramp_3\u0660\u0660_100_200_100", "no stimulus"),
+        ("sine_\uff12\uff10_250", "no stimulus"),
+        ("sine_" + "9" * 5000 + "_5", "9..."),
     ],
 )
 def test_what_is_no_stimulus_is_refused_in_one_line_as_misuse(word, shown):

@@ -254,6 +254,12 @@ def test_stress_that_no_touch_gives_is_doubted_in_one_line(here, capsys, gain, s
         assert not any(shown in line for line in lines)
 
 
+def test_stress_that_no_equation_holds_is_refused(here, refused):
+    """Sums of 1e200 Pa are infinite, and spikes of infinity are spikes of nothing."""
+    write_traces(here / "table.csv", [replace(t, stress_pa=1e196 * t.stress_pa) for t in traces()])
+    refused(["encode", "table.csv", "--no-raster"], "SA peaks at 2e+200 Pa, expected at most", 1)
+
+
 def test_a_change_of_step_that_loses_power_is_said(here, capsys):
     """Of a coarse table what PCHIP smooths, of a fine one what folds."""
     for dt_ms, hz, shown in (

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.interpolate import PchipInterpolator
 
 import fembridge as fb
 from decks.stimuli import MAX_SAMPLES, resolve
@@ -23,6 +24,7 @@ from fembridge.errors import (
 )
 from fembridge.run_folder import read_run_folder, read_waveform
 from fembridge.stimulus_file import FORMATS, read_stimulus, stimuli_of, write_stimulus
+from fembridge.trace import resample
 
 TIMES_MS = np.arange(201) * 0.5
 TAP_UM = 200 * np.sin(np.pi * TIMES_MS / 100) ** 2
@@ -116,7 +118,7 @@ def test_seconds_millimetres_and_uneven_times_become_samples_every_half_ms(tmp_p
     assert back.id == "robot_arm"
     assert back.times_ms[-1] == pytest.approx((times_s[-1] - times_s[0]) * 1e3, abs=0.5)
     unused, resampled = said
-    assert unused.endswith("column not used: note")
+    assert unused.endswith("columns not used: note")
     assert "400 samples, uneven times, resampled" in resampled
 
 
@@ -262,3 +264,130 @@ def test_a_depth_before_time_0_that_no_waveform_takes_is_refused(tmp_path, monke
         with pytest.raises(UsageError, match="deep holds its own depth before time 0, 30 um"):
             make(75.0)
         make(30.0)
+
+
+def chunk(name, content):
+    return name + struct.pack("<I", len(content)) + content + b"\0" * (len(content) % 2)
+
+
+@pytest.fixture
+def wav(tmp_path):
+    """Content of a WAV with the chunks of one that `stimuli` exports."""
+    write_stimulus(made("sine_50_250"), tmp_path / "a.wav", "wav")
+    return (tmp_path / "a.wav").read_bytes()
+
+
+def test_a_wav_whose_sizes_do_not_fit_is_refused_and_bytes_behind_it_are_named(tmp_path, wav):
+    path = tmp_path / "b.wav"
+    whole = read_stimulus(tmp_path / "a.wav").displacement_um
+    size_at = wav.index(b"data") + 4
+    stated = struct.unpack("<I", wav[size_at : size_at + 4])[0]
+    for size in (0, stated - 100, stated - 2, stated + 2, 2**32 - 2):
+        path.write_bytes(wav[:size_at] + struct.pack("<I", size) + wav[size_at + 4 :])
+        with pytest.raises(StimulusError, match=r"damaged|cut"):
+            read_stimulus(path)
+    for size in (len(wav) + 8, 2**32 - 1, 100):
+        path.write_bytes(wav[:4] + struct.pack("<I", size) + wav[8:])
+        with pytest.raises(StimulusError, match=r"damaged|cut"):
+            read_stimulus(path)
+    path.write_bytes(wav + b"ID3 of a player")
+    with pytest.warns(FembridgeWarning, match="15 bytes behind the end"):
+        assert_allclose(read_stimulus(path).displacement_um, whole)
+    listed = wav[12:] + chunk(b"bext", b"odd")  # of others, with a byte to make it even
+    path.write_bytes(b"RIFF" + struct.pack("<I", 4 + len(listed)) + b"WAVE" + listed)
+    assert_allclose(read_stimulus(path).displacement_um, whole)
+
+
+def npy(shape, kind, data):
+    header = f"{{'descr': {kind!r}, 'fortran_order': False, 'shape': {shape}, }}"
+    return b"\x93NUMPY\x01\0" + struct.pack("<H", len(header) + 1) + header.encode() + b"\n" + data
+
+
+@pytest.mark.parametrize(
+    ("shape", "kind", "count"),
+    [
+        ("(1000000000000,)", "<f8", 10),
+        ("(99999999999999999999,)", "<f8", 10),
+        ("(9,)", "<f8", 10),
+        ("(11,)", "<f8", 10),
+        ("(-10,)", "<f8", 10),
+        ("(10,)", "|O", 10),
+        ("(10,)", "<c16", 20),
+        ("(10,)", "<f4", 10),
+        ("(10,)", ">f8", 10),
+        ("(2, 5)", "<f8", 10),
+        ("()", "<f8", 1),
+    ],
+)
+def test_an_npy_whose_header_is_not_of_its_bytes_is_refused(tmp_path, shape, kind, count):
+    path = tmp_path / "a.npy"
+    path.write_bytes(npy("(10,)", "<f8", np.arange(10.0).tobytes()))
+    assert read_stimulus(path, dt_ms=0.5).displacement_um.tolist() == np.arange(10.0).tolist()
+    path.write_bytes(npy(shape, kind, np.arange(float(count)).tobytes()))
+    with pytest.raises(StimulusError, match=r"a\.npy"):
+        read_stimulus(path, dt_ms=0.5)
+
+
+def test_a_waveform_of_more_samples_than_the_memory_takes_is_refused(tmp_path, wav, monkeypatch):
+    monkeypatch.setenv("FEMBRIDGE_MEMORY", "10K")
+    np.save(tmp_path / "a.npy", np.arange(501.0))
+    for name, dt_ms in (("a.wav", None), ("a.npy", 0.5)):
+        with pytest.raises(StimulusError, match="FEMBRIDGE_MEMORY"):
+            read_stimulus(tmp_path / name, dt_ms=dt_ms)
+
+
+def test_a_fine_waveform_is_resampled_as_by_all_its_samples():
+    """PCHIP of the samples beside each new one is that of all, to the bit."""
+    rng = np.random.default_rng(2)
+    for count, step_ms in ((2000, 0.01), (1999, 0.3), (50, 2.0), (3, 4.0), (2, 5.0)):
+        times_ms = np.cumsum(rng.uniform(0.5, 1.5, count)) * step_ms
+        values = rng.normal(size=(count, 2))
+        even_ms, resampled = resample(times_ms, values, 0.5)
+        exact = PchipInterpolator(times_ms, values, axis=0)(even_ms)
+        np.testing.assert_array_equal(resampled, exact)
+
+
+def test_a_sample_that_is_lost_is_named_also_where_nobody_reads_the_log(tmp_path):
+    kept = np.arange(TIMES_MS.size) != 70
+    table(tmp_path / "lost.csv", TIMES_MS[kept], TAP_UM[kept])
+    with pytest.warns(FembridgeWarning, match="the first from 34.5 to 35.5 ms: samples lost"):
+        read_stimulus(tmp_path / "lost.csv")
+    table(tmp_path / "s.csv", TIMES_MS, TAP_UM, "time_s,displacement_um")
+    with pytest.warns(FembridgeWarning, match="in which unit is the time"):
+        read_stimulus(tmp_path / "s.csv")
+
+
+@pytest.mark.parametrize(
+    ("header", "row"),
+    [
+        ("time_s,displacement_um", "1e306,3"),
+        ("time_ms,displacement_mm", "1,1e306"),
+        ("time_ms,displacement_um", "1e308,3"),
+        ("time_ms,displacement_um", "1_0,3"),
+        ("time_ms,displacement_um", "1,\u0663"),
+    ],
+)
+def test_a_number_of_a_waveform_is_finite_in_its_unit(tmp_path, header, row):
+    path = tmp_path / "a.csv"
+    path.write_text(f"{header}\n0,0\n{row}\n", encoding="utf-8")
+    with pytest.raises((StimulusError, TableError), match=r"a\.csv"):
+        read_stimulus(path)
+
+
+def test_a_micro_sign_in_a_name_is_answered_with_the_right_one(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("time_ms,displacement_\N{MICRO SIGN}m\n0,0\n1,2\n", encoding="utf-8")
+    with pytest.raises(StimulusError, match="did you mean"):
+        read_stimulus(path)
+
+
+def test_a_marc_table_cut_in_its_last_number_is_refused(tmp_path):
+    path = tmp_path / "a.marc.dat"
+    write_stimulus(made("sine_50_250"), path, "marc-table")
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-1])
+    with pytest.warns(FembridgeWarning, match="may be cut"):
+        read_stimulus(path)
+    path.write_bytes(whole[:-3])
+    with pytest.warns(FembridgeWarning), pytest.raises(StimulusError, match="not one whole table"):
+        read_stimulus(path)

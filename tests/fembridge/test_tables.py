@@ -10,7 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from decks.stimuli import CATALOGUE
-from fembridge.errors import FembridgeWarning, TableError, TraceError, UsageError
+from fembridge import tables
+from fembridge.errors import (
+    FembridgeWarning,
+    StimulusError,
+    TableError,
+    TraceError,
+    UsageError,
+)
 from fembridge.observed import read_observed
 from fembridge.stimulus_file import read_stimulus
 from fembridge.tables import (
@@ -19,6 +26,7 @@ from fembridge.tables import (
     SpikeTrain,
     read_rates,
     read_spikes,
+    read_table,
     read_traces,
     write_rates,
 )
@@ -186,6 +194,150 @@ def test_a_table_that_is_cut_in_its_last_number_says_so(table, read, text, end):
     with pytest.warns(FembridgeWarning, match="table.csv: .* may be cut") as caught:
         read(table(text[: -len(end) - 1]))
     assert len(caught) == 1
+
+
+WIDE = "," * 300_000
+
+
+@pytest.mark.parametrize(
+    ("content", "line", "problem"),
+    [
+        (f"time_ms,von_mises_pa{WIDE}\n0,1\n", None, "300002 columns, expected at most 16384"),
+        (f"{HEADER}0,SA,1,1{WIDE}\n", 2, "300004 cells, expected 4"),
+        (f"{HEADER}0,SA,1,1\n0,SA,1,1{WIDE}\n", 3, "300004 cells, expected 4"),
+        (f"time_ms,von_mises_pa{',x' * 999}\n" + "1\n" * 2000, None, "most cells are absent"),
+        (HEADER + "\n" * 300_000, None, "most cells are absent"),
+        (HEADER + "#\n" * 300_000, None, "most cells are absent"),
+        (HEADER + '0,SA,1,"' + "\n" * 300_000 + '"\n', None, "most cells are absent"),
+        ("#\n" * 20_000, None, "no header in the first 10000 lines"),
+        ("x" * 2_000_000, None, "not CSV: field larger than"),
+        (HEADER + "0,SA,1," + "9" * 1_000_000 + "\n", 2, "von_mises_pa is"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:.*no line end:fembridge.errors.FembridgeWarning")
+def test_a_small_file_of_a_large_table_is_refused_before_it_is_parsed(
+    table, content, line, problem
+):
+    found_line, found = refusal(read_traces, table(content))
+    assert (found_line, problem in found) == (line, True)
+    assert len(found) < 300
+
+
+@pytest.mark.parametrize(
+    "content",
+    [f"t;v{';x' * 300_000}\n1;2\n", f"# t v{' x' * 300_000}\n1 2\n", "%\n" * 20_000,
+     f"t;v\n1;2{';1' * 1_000_000}\n", f"t;v\n1;2\n1;2{';1' * 300_000}\n",
+     "t v\n" + "\n" * 2_000_000 + "1 2\n", 't;"' + "v" * 200_000 + '"\n1;2\n', "t;v\rx\n1;2\n"],
+)  # fmt: skip
+def test_a_small_table_of_another_program_is_refused_as_well(table, content):
+    _, problem = refusal(partial(read_traces, columns={"time": "t", "value": "v"}, gain_pa=1.0),
+                         table(content))  # fmt: skip
+    assert len(problem) < 300
+
+
+def test_cells_that_need_more_memory_than_the_limit_are_refused(table, monkeypatch):
+    monkeypatch.setenv("FEMBRIDGE_MEMORY", "100K")
+    rows = "".join(f"{k / 2},SA,4,{k}\n" for k in range(2000))
+    for content in (HEADER + rows, HEADER + rows.replace("SA", '"SA"')):
+        _, problem = refusal(read_traces, table(content))
+        assert "FEMBRIDGE_MEMORY" in problem
+
+
+@pytest.mark.parametrize(
+    ("read", "known", "misspelt", "hint"),
+    [
+        (read_traces, "time_ms,von_mises_pa", "units", "unit"),
+        (read_traces, "time_ms,von_mises_pa", "Afferent", "afferent"),
+        (read_spikes, "stimulus,afferent,repeat,spike_time_ms", "unt", "unit"),
+        (read_rates, "stimulus,afferent,rate_ips", "Unit", "unit"),
+        (read_observed, "stimulus,afferent,rate_ips", "rate", "rate_ips"),
+        (read_stimulus, "time_ms,displacement_um", "aside_mm", "aside_um"),
+        (partial(read_table, columns=("a",), optional=("deviate",)), "a", "deviates", "deviate"),
+    ],
+)
+def test_a_misspelt_column_is_refused_with_the_near_name(table, read, known, misspelt, hint):
+    line, problem = refusal(read, table(f"# a comment\n{known},{misspelt}\n"))
+    assert line == 2
+    assert f"{misspelt!r}; did you mean {hint}?" in problem
+
+
+def test_a_column_of_another_thing_is_named_or_refused(table):
+    lines = []
+    rows = "time_ms,von_mises_pa,force_n,note\n0,1,2,a\n0.5,2,2,b\n"
+    read_traces(table(rows), lines.append)
+    assert lines == [f"{table(rows)}: columns not used: force_n, note"]
+    rows = "stimulus,afferent,repeat,spike_time_ms,trial\ns,SA,0,3,1\n"
+    with pytest.warns(FembridgeWarning, match="columns not used: trial"):
+        read_spikes(table(rows))
+    with pytest.raises(TableError, match="unknown column 'sd'"):
+        read_observed(table("stimulus,afferent,rate_ips,sd\nsine_20_250,SA,3,1\n"))
+    with pytest.raises(TableError, match="duplicate column unit"):
+        read_spikes(table("stimulus,afferent,repeat,spike_time_ms,unit,unit\n"))
+    with pytest.raises(TableError, match="duplicate column afferent"):
+        read_traces(table("time_ms,von_mises_pa,afferent,afferent\n0,1,SA,RA\n"))
+
+
+def test_row_numbers_of_pandas_and_empty_columns_of_a_spreadsheet_are_no_columns(table):
+    frame = pd.DataFrame({"a": [1.0, 2.0], "b": [3.0, 4.0]}, index=[4, 7])
+    for content in (frame.to_csv(), "a,b,,\n1,3,,\n2,4,,\n"):
+        read = read_table(table(content), ("a", "b"), ())
+        assert read.numbers("b").tolist() == [3.0, 4.0]
+    with pytest.raises(TableError, match="column 3 has no name"):
+        read_table(table("a,b,\n1,3,5\n2,4,6\n"), ("a", "b"), ())
+
+
+@pytest.mark.parametrize("cell", ["1_000", "\u0663", "\uff11\uff12", "1e999", "nan", "0x10"])
+@pytest.mark.parametrize("read", TABLES)
+def test_a_cell_that_is_no_number_of_ours_is_refused_in_every_table(table, read, cell):
+    *above, last = TABLES[read].splitlines(keepends=True)
+    separator = ";" if ";" in last else ","
+    *cells, _ = last.rstrip().split(separator)
+    path = table("".join(above) + separator.join([*cells, cell]) + "\n")
+    with pytest.raises((TableError, StimulusError)):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "options"),
+    [
+        ("t_s,v_pa", "1e306,1", {}),
+        ("t_us,v_mpa", "1,1e303", {}),
+        ("t_us,v", "1,1e300", {"gain_pa": 1e9}),
+    ],
+)
+def test_a_number_that_is_infinite_in_our_unit_is_refused(table, header, row, options):
+    time, value = header.split(",")
+    path = table(f"{header}\n0,1\n{row}\n")
+    line, problem = refusal(
+        partial(read_traces, columns={"time": time, "value": value}, **options), path
+    )
+    assert line == 3
+    assert "too large" in problem
+
+
+def test_rows_that_lack_cells_or_are_commented_out_are_named(table):
+    path = table("stimulus,afferent,repeat,spike_time_ms,unit\ns,SA,0,3,a\ns,SA,0,9\n")
+    with pytest.warns(FembridgeWarning, match=r"table.csv:3: 4 of the 5 cells"):
+        assert [train.unit for train in read_spikes(path)] == ["a", ""]
+    path = table("stimulus,afferent,rate_ips\na,SA,3\n#b,SA,9\n# of a day\nc,SA,4\n")
+    with pytest.warns(FembridgeWarning, match=r"table.csv:3: a row begins with #: not read"):
+        assert [rate.stimulus for rate in read_rates(path)] == ["a", "c"]
+
+
+def test_a_table_whose_traces_end_at_other_times_may_be_cut(table):
+    rows = "time_ms,node,von_mises_pa\n" + "".join(
+        f"{k / 2},{n},1\n" for n in (4, 5) for k in range(9)
+    )
+    read_traces(table(rows))
+    with pytest.warns(FembridgeWarning, match="node 5 ends at 2 ms, others at 4 ms"):
+        read_traces(table(rows.rpartition("2.5,5")[0]))
+
+
+def test_more_trains_than_there_are_afferents_are_refused(table, monkeypatch):
+    monkeypatch.setattr(tables, "MAX_GROUPS", 3)
+    rows = "".join(f"s{k},SA,0,1\n" for k in range(4))
+    _, problem = refusal(read_spikes, table(f"stimulus,afferent,repeat,spike_time_ms\n{rows}"))
+    assert "4 different" in problem
 
 
 RATES = "stimulus,afferent,rate_ips\n"

@@ -9,7 +9,7 @@ import pytest
 import fembridge as fb
 from decks.stimuli import CATALOGUE
 from fembridge import cli
-from fembridge.errors import TableError, UsageError
+from fembridge.errors import FembridgeWarning, TableError, UsageError
 from fembridge.evidence import (
     CRITERIA,
     DISTANCE,
@@ -121,6 +121,16 @@ def test_a_table_in_the_place_of_a_set_brings_its_source(tmp_path):
     named, known = read_evidence(THRESHOLDS, THRESHOLDS), published(THRESHOLDS)
     pd.testing.assert_frame_equal(named.table, known.table, check_dtype=False)
     assert named.source == known.source
+
+
+def test_another_column_of_evidence_and_a_row_twice_are_named(tmp_path):
+    own = tmp_path / "own.csv"
+    own.write_text("distance_mm,amplitude_um,unit\n1,40,3\n2,50,3\n", encoding="utf-8")
+    with pytest.warns(FembridgeWarning, match="columns not used: unit"):
+        read_evidence(own, DISTANCE)
+    own.write_text("distance_mm,amplitude_um\n1,40\n2,50\n1,40\n", encoding="utf-8")
+    with pytest.warns(FembridgeWarning, match=r"own.csv:4: the same as an earlier row"):
+        read_evidence(own, DISTANCE)
 
 
 @pytest.mark.parametrize(

@@ -245,3 +245,23 @@ def test_what_is_no_set_and_no_file_is_named(here):
     for word in ("Published", "fitted ", "table2", "folder/absent"):
         with pytest.raises(UsageError, match=f"'{word}'"):
             parameter_set(word)
+
+
+@pytest.mark.parametrize(
+    ("line", "found"),
+    [
+        ("tau_ms = 1e308", "tau_ms is 1e+308, expected > 0 and at most 1e+12"),
+        ("step_pa = 1e-320", "and at least 1e-12"),
+        ("threshold_mv = 1e200", "threshold_mv is 1e+200"),
+    ],
+)
+def test_a_parameter_whose_products_are_infinite_is_refused(file_of, line, found):
+    path = file_of(f'base = "fitted"\n[RA]\n{line}\n')
+    with pytest.raises(ParameterError, match=re.escape(found)):
+        parameter_set(path)
+
+
+def test_a_name_and_a_depth_of_a_set_have_their_bounds(file_of):
+    for head in ('name = ""', f'name = "{"x" * 300}"', "preindent_um = 1e308"):
+        with pytest.raises(ParameterError, match="expected"):
+            parameter_set(file_of(f'base = "fitted"\n{head}\n'))

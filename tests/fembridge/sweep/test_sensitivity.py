@@ -105,6 +105,7 @@ ONE, OTHER = row(1.0, "sine_20_250", 1, 1), row(1.1, "sine_20_250", 2, 1)
             "'thin', 'thick'",
         ),
         (TableError, [ONE, row("", "sine_20_250", 2, 1)], "dermis_mm is '1.0', ''"),
+        (TableError, [ONE, row("1_1", "sine_20_250", 2, 1)], "dermis_mm is '1.0', '1_1'"),
         (TableError, [row(1.0, "sine_20_250", "nan", 1), OTHER], "rate_ips is 'nan'"),
         (TableError, [row(1.0, "sine_20_250", 1, 1, status="odd,")], "status is 'odd'"),
     ],

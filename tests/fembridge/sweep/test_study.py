@@ -108,6 +108,7 @@ NOT_BESIDE_A_STIMULUS = (
         "[[fingers]]\n[fingers.grid]\n'skin.dermis_mm.x' = [1.0]\nskin.dermis_mm = [1.1]",
         "skin.dermis_mm",
     ),
+    ("fingers = [{grid.skin.dermis_mm = {}}]", "skin.dermis_mm: an empty section"),
     ("probes = [{diameter_mm = -1}]", "probes: diameter_mm"),
     ("probes = [{fillet_mm = 0.1}]", "fillet_mm"),
     ("probes = [{}, {}]", "probes: .*duplicate"),
@@ -283,7 +284,7 @@ def test_a_range_is_two_numbers_or_a_share_around_the_base(asked, low, high, log
     "asked",
     [
         *([1.3, 0.9], [1, 1], [1, 2, 3], [1, "two"], [0, math.nan], [0, math.inf], [False, True]),
-        *("much", "100 %", "0 %", "factor 1", 0.5, None),
+        *("much", "100 %", "0 %", "factor 1", "factor 1_0", "\u0662 %", 0.5, None),
     ],
 )
 def test_what_is_no_range_is_refused(asked, base):
