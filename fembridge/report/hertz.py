@@ -192,7 +192,7 @@ def study(runs: Runs) -> Finding:
 
 def _press_block(runs: Runs, halvings: int) -> BlockResult:
     analysis, stimulus = cylinder_on_block(halvings)
-    runs.log(f"hertz: {analysis.title}, {len(analysis.mesh.quad)} elements")
+    runs.log(f"hertz: solving {len(analysis.mesh.quad)} elements of {element_mm(halvings):g} mm")
     deck = calculix_deck(analysis).replace(*_PRINTS)
     increments = analysis.motion.increments
     folder = runs.solve_deck(f"hertz/{halvings}", deck, increments, stimulus.dt_ms)

@@ -78,7 +78,7 @@ def study(runs: Runs) -> Finding:
         maps[finger] = attempt.cost, _interpolation_s(response)
         samples = _QUICK_RUN_SAMPLES if runs.quick else _SAMPLES[finger]
         for stimulus in [_shortened(*case, samples) for case in _CASES]:
-            runs.log(f"map: {stimulus.id} on {finger}")
+            runs.log(f"map: solving {stimulus.id} on {finger}")
             comparisons.append(_compare(runs, model, response, stimulus))
     return finding_of(comparisons, maps)
 
@@ -200,7 +200,7 @@ def _compare(
             return _comparison(model_tried, response, stimulus, attempt)
         if attempt.failure.cause not in CONTACT_CAUSES:
             break
-        runs.log(f"map: {contact} failed, trying the next contact model: {attempt.failure}")
+        runs.log(f"map: trying the next contact model, {contact} failed: {attempt.failure}")
     raise ResponseError(f"{stimulus.id}: no contact model converged")
 
 

@@ -276,7 +276,7 @@ def skfem_version() -> str | None:
 
 def _differences_percent(runs: Runs, element: str) -> dict[str, float]:
     """Largest differences in percent of the largest value: displacement, stress by layer."""
-    runs.log(f"solver: {element}")
+    runs.log(f"solver: solving with {element}")
     problem, layer = _problem(element)
     ccx_mm, ccx_pa = problem.solve(runs, f"solver/{element}")
     skfem_mm, skfem_mpa = plane_strain(problem)

@@ -170,7 +170,7 @@ def _press_mesh(runs: Runs, finger: Finger) -> Indented:
                 f"{finger.name}: {name} is at ({x_mm:g}, {y_mm:g}) mm, expected "
                 f"({site.x_mm:g}, {-site.depth_mm:g}) mm as on the other meshes"
             )
-    runs.log(f"mesh: {finger.name}, {len(model.mesh.quad)} elements")
+    runs.log(f"mesh: solving {len(model.mesh.quad)} elements of {finger.name}")
     return indent(runs, f"mesh/{finger.name}", model)
 
 
@@ -206,7 +206,7 @@ def _refined(runs: Runs) -> list[Indented]:
     finer, results = base.mesh, []
     for number, radius_mm in enumerate(_REFINED_MM, start=1):
         finer = refined(finer, (0.0, 0.0), radius_mm)
-        runs.log(f"mesh: quick, {len(finer.quad)} elements")
+        runs.log(f"mesh: solving {len(finer.quad)} elements of quick")
         results.append(indent(runs, f"mesh/quick_refined_{number}", Model(base.finger, finer)))
     return results
 
@@ -251,7 +251,7 @@ def contact_models(runs: Runs) -> Finding:
     models = _CONTACTS_QUICK if runs.quick else _CONTACTS
     rows, results = [], {}
     for element, contact in models:
-        runs.log(f"contact: {element}, {contact}")
+        runs.log(f"contact: solving {element}, {contact}")
         model = replace(model_of(QUICK), element=element, contact=contact, support="prescribed")
         row, indented = _press_with_contact(runs, model, stimulus)
         rows.append(row)
@@ -352,7 +352,7 @@ def stiffness(runs: Runs) -> Finding:
     springs = np.array(STIFFNESS_QUICK if runs.quick else STIFFNESS)
     results = []
     for stiffness_mpa_per_mm in springs.tolist():
-        runs.log(f"penalty: {stiffness_mpa_per_mm:g} MPa/mm")
+        runs.log(f"penalty: solving {stiffness_mpa_per_mm:g} MPa/mm")
         model = replace(model_of(QUICK), contact=Contact(stiffness_mpa_per_mm=stiffness_mpa_per_mm))
         results.append(indent(runs, f"penalty/{stiffness_mpa_per_mm:g}", model))
     stress_pa = np.array([indented.last_pa for indented in results])
@@ -396,7 +396,7 @@ def laws(runs: Runs) -> Finding:
     stimulus = down(_LAW_DEPTH_UM, _LAW_STEPS_QUICK if runs.quick else _LAW_STEPS)
     results = {}
     for law in LAWS:
-        runs.log(f"laws: {law}")
+        runs.log(f"laws: solving the {law} law")
         results[law] = indent(runs, f"laws/{law}", model, stimulus, law=law)
     linear, neo_hookean = results.values()
     depth_um = linear.depth_um[1:]
@@ -445,7 +445,7 @@ def _elements(runs: Runs) -> DataFrame:
         finger = replace(base.finger, afferents={**base.finger.afferents, **_SITES})
         count = len(base.mesh.quad)
         for element in plane.RING_ELEMENTS:
-            runs.log(f"incompressible: {count} elements, {element}")
+            runs.log(f"incompressible: solving {count} elements, {element}")
             model = Model(finger, base.mesh, element=element)
             name = f"incompressible/{finger.name}_{element}"
             indented = indent(runs, name, model, down(steps=_ELEMENT_STEPS))

@@ -157,7 +157,7 @@ def verify(
                 raise SolverError(
                     f"{error}; finished runs are kept, run the command again to resume", folder
                 ) from error
-            on_message(f"{task.name}: done, {len(findings)} of {len(studies)} studies")
+            on_message(f"{task.name}: finished {len(findings)} of {len(studies)} studies")
     return {study.name: findings[study.name] for study in studies}
 
 
