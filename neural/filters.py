@@ -1,24 +1,23 @@
-"""Filtered stress: what drives each afferent, filters (1) to (4) of the paper, and ours.
+"""Filtered stress that drives each afferent: filters (1) to (4) of the paper, and others.
 
-The paper is Ishizuka et al., *Computational models for SA, RA, PC afferent*. Time
-is the first axis everywhere: stress is ``(T,)``, or ``(T, condition)`` for many traces
-that share one time axis, in Pa; a filter's result has that shape.
+The paper is Ishizuka et al., *Computational models for SA, RA, PC afferent*. Time is the
+first axis: stress is ``(T,)``, or ``(T, condition)`` for traces with a common time axis,
+in Pa; the result of a filter has the same shape.
 
-Two things are open in the paper; this is how they are taken here.
+Two points that the paper leaves open are decided as follows.
 
 *The scheme of* σ′ *and* σ″. One of `DERIVATIVES`; σ″ is the scheme applied twice.
 ``backward`` is the default because it needs no sample from the future. For RA and
 PC ``forward`` is the same series one or two samples earlier; ``central`` is smoother
 and so weaker above some 200 Hz.
 
-*The ends of a trace.* Outside the trace the probe stands still: stress keeps the
-value it has at that end, its derivative is 0, and the denominators stay the
-published ones. Where a trace begins and ends unstressed, as the paper's sinusoids
-do, that is the same as padding with zeros; on a pre-indented finger zeros would
-stand for a probe that was never there. A derivative or difference that lacks one
-of its samples is 0: the jump of a waveform that starts at full speed would grow as
-dt shrinks, and fire RA and PC at onset. A trace that starts with three still
-samples has a known rest, and then its onset counts.
+*The ends of a trace.* Outside the trace the probe does not move: stress keeps its
+first or last value, its derivative is 0, and the denominators are the published ones.
+Where a trace begins and ends unstressed, as the paper's sinusoids do, this equals padding
+with zeros; on a pre-indented finger zeros would mean that the probe was absent. A
+derivative or difference that lacks one of its samples is 0. Otherwise the jump of a
+waveform that starts at full speed would grow as dt shrinks, and fire RA and PC at onset.
+A trace that starts with three equal samples has a known rest state, so its onset counts.
 """
 
 import math
@@ -36,41 +35,42 @@ from fembridge.typing import FloatArray
 # and M2 behind, (2) looks M3 ahead and M4 behind. At 0.5 ms that is 4.5 ms ahead.
 M1, M2, M3, M4 = 9, 9, 9, 8
 
-# Where `corpuscle` passes most. Recorded thresholds of Pacinian afferents fall up to 205 Hz,
-# the highest frequency of Freeman & Johnson (1982); the membrane, which sums each swing, is
-# keener at lower frequencies than what it is fed.
+# Frequency of the largest gain of `corpuscle`. Recorded thresholds of Pacinian afferents fall
+# up to 205 Hz, the highest frequency of Freeman & Johnson (1982); the membrane, which sums
+# each half cycle, is more sensitive at lower frequencies than its input.
 CORPUSCLE_HZ = 300.0
 
-# How the answer grows with what it passes, and how much the other side of it counts: of those
-# tried the best on thresholds, and among the best on a frequency that was left out (decision 0041).
+# Power of the filtered stress, and weight of its negative part: the best of those tried on
+# thresholds, and among the best on a frequency that was left out (decision 0041).
 CORPUSCLE_POWER = 0.6
 OTHER_SIDE = 0.85
 
-# What is left of the step response of `corpuscle` where it is cut off.
+# The step response of `corpuscle` is cut off below this value.
 _CORPUSCLE_LEFT = 1.0e-14
 
-# How fast the response of SA to a held stress fades: the slowly inactivating current of
-# Merkel cells has some 200 ms (Gerling et al. 2018, PLoS Comput. Biol. 14, e1006264).
+# Time constant of the fading response of SA to a held stress: the slowly inactivating current
+# of Merkel cells has some 200 ms (Gerling et al. 2018, PLoS Comput. Biol. 14, e1006264).
 FADE_MS = 200.0
 
-# Share of a held stress that fades away with it.
+# Share of a held stress that fades.
 FADING_SHARE = 0.5
 
-# Where the answer of SA to movement falls off: of those tried the best on a frequency that was
-# left out (decision 0032). Without it SA would follow a loud 400 Hz with 200 impulses/s.
+# Corner frequency of the response of SA to movement: the best of those tried on a frequency
+# that was left out (decision 0032). Without it SA would follow a strong 400 Hz vibration with
+# 200 impulses/s.
 SLOW_HZ = 100.0
 
-# So many columns and fewer are filtered one by one, so many samples at once.
+# Largest number of columns that are filtered one by one, and samples per block.
 _FEW, _BLOCK = 20, 65_536
 
-# How many samples behind and ahead of t a derivative at t looks.
+# Samples before and after t that a derivative at t uses.
 _REACH = {"backward": (1, 0), "central": (1, 1), "forward": (0, 1)}
 
 DERIVATIVES = tuple(_REACH)
 
 
 def sa_level(stress_pa: ArrayLike) -> FloatArray:
-    """The sustained part of what drives SA in Pa: stress averaged over a moving window.
+    """Sustained drive of SA in Pa: stress averaged over a moving window.
 
     Filter (1): the mean of |σ| over samples t − 9 to t + 9.
     """
@@ -78,7 +78,7 @@ def sa_level(stress_pa: ArrayLike) -> FloatArray:
 
 
 def sa_rate(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
-    """The dynamic part of what drives SA in Pa/ms: stress rate over a moving window.
+    """Dynamic drive of SA in Pa/ms: stress rate averaged over a moving window.
 
     Filter (2): the mean of |σ′| over samples t − 8 to t + 9.
     """
@@ -87,11 +87,11 @@ def sa_rate(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") ->
 
 
 def rate_change(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
-    """Change of the stress rate in Pa/ms: what drives RA.
+    """Drive of RA in Pa/ms: change of the stress rate.
 
-    Filter (3), ``|σ′(t) − σ′(t − dt)|``. The difference is not divided by dt, so its
-    size goes with dt: parameters hold for the step they were fitted at. With the
-    backward scheme the first two samples are 0: they have no complete past.
+    Filter (3), ``|σ′(t) − σ′(t − dt)|``. The difference is not divided by dt, so it is
+    proportional to dt: parameters are valid at the time step of their fit. With the
+    backward scheme the first two samples are 0, since they lack earlier samples.
     """
     return _change(stress_rate(stress_pa, dt_ms, derivative), 1, derivative)
 
@@ -99,7 +99,7 @@ def rate_change(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
 def acceleration_change(
     stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
 ) -> FloatArray:
-    """Change of the stress acceleration in Pa/ms²: what drives PC.
+    """Drive of PC in Pa/ms²: change of the stress acceleration.
 
     Filter (4), ``|σ″(t) − σ″(t − dt)|``, the scheme of σ′ applied twice. With the
     backward scheme the first three samples are 0.
@@ -127,33 +127,35 @@ def stress_rate(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
 
 
 def slow_rate(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
-    """σ′ through a low pass of one pole at `SLOW_HZ`, in Pa/ms: the movement that drives SA."""
+    """Drive of SA by movement in Pa/ms: σ′ through a one-pole low pass at `SLOW_HZ`."""
     rate = stress_rate(stress_pa, dt_ms, derivative)
-    fed, kept = _low_pass(SLOW_HZ, dt_ms)
+    fed_share, kept_share = _low_pass(SLOW_HZ, dt_ms)
     fed_in = np.zeros_like(rate)
-    fed_in[1:] = fed * (rate[1:] + rate[:-1])
-    return _from_sample_to_sample(fed_in, lambda passed, now: kept * passed + now)
+    fed_in[1:] = fed_share * (rate[1:] + rate[:-1])
+    return _from_sample_to_sample(fed_in, lambda passed, sample: kept_share * passed + sample)
 
 
 def faded(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
-    """Stress less what has faded of it in Pa: the sustained part of what drives SA.
+    """Sustained drive of SA in Pa: stress minus its faded share.
 
-    ``max(σ − FADING_SHARE s, 0)``, where s follows σ with `FADE_MS` and is σ at the
-    first sample: what was held before the trace has faded.
+    ``max(σ − FADING_SHARE s, 0)``, where s follows σ with the time constant `FADE_MS` and
+    equals σ at the first sample: stress held before the trace has faded.
     """
     stress = checked_stress(stress_pa, dt_ms, derivative)
     gain = -math.expm1(-dt_ms / FADE_MS)
-    followed = _from_sample_to_sample(stress, lambda before, now: before + gain * (now - before))
-    left: FloatArray = np.maximum(stress - FADING_SHARE * followed, 0.0)
-    return left
+    followed = _from_sample_to_sample(
+        stress, lambda previous, sample: previous + gain * (sample - previous)
+    )
+    remaining: FloatArray = np.maximum(stress - FADING_SHARE * followed, 0.0)
+    return remaining
 
 
 def corpuscle(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
     """Stress through a Pacinian corpuscle, compressed, in Pa^0.6.
 
-    ``max(y, 0)^p − OTHER_SIDE max(−y, 0)^p`` with p `CORPUSCLE_POWER`: y is σ through
-    three high and three low passes of one pole, all at `CORPUSCLE_HZ`: ``(r / (1 + r²))³``
-    at r times that frequency. A constant stress leaves nothing, at any `dt_ms`.
+    ``max(y, 0)^p − OTHER_SIDE max(−y, 0)^p`` with p = `CORPUSCLE_POWER`; y is σ through
+    three high and three low passes of one pole, all at `CORPUSCLE_HZ`: the gain is
+    ``(r / (1 + r²))³`` at r times that frequency. A constant stress gives 0 at any `dt_ms`.
 
     Notes
     -----
@@ -171,10 +173,10 @@ def corpuscle(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") 
 
 
 def _corpuscle_response(dt_ms: float, longest: int) -> list[float]:
-    """Step response of the passes of `corpuscle`, as far as it matters.
+    """Step response of the high and low passes of `corpuscle`, cut off near 0.
 
-    A pass is ``1 / (1 + s τ)`` or the rest of it by the trapezoidal rule, which keeps
-    the gain at low frequencies at any `dt_ms`.
+    A low pass is ``1 / (1 + s τ)`` by the trapezoidal rule, which keeps the gain at low
+    frequencies at any `dt_ms`; a high pass is the input minus its low pass.
     """
     fed, kept = _low_pass(CORPUSCLE_HZ, dt_ms)
     before, lows = [0.0] * 6, [0.0] * 6
@@ -192,26 +194,26 @@ def _corpuscle_response(dt_ms: float, longest: int) -> list[float]:
 
 
 def _from_sample_to_sample(samples: FloatArray, step: Callable[[Any, Any], Any]) -> FloatArray:
-    """`step` of what came before and the next sample, from the first sample on."""
-    found = np.empty_like(samples)
+    """Recursion over samples: each result is `step` of the previous result and the sample."""
+    results = np.empty_like(samples)
     if samples.ndim == 2 and samples.shape[1] > _FEW:
-        for row, now in enumerate(accumulate(samples, step)):
-            found[row] = now
-        return found
-    # Plain numbers are several times as fast as rows of a few.
+        for row, sample in enumerate(accumulate(samples, step)):
+            results[row] = sample
+        return results
+    # With few columns, Python floats are several times as fast as NumPy rows.
     for column in np.ndindex(samples.shape[1:]):
-        before = None
+        previous = None
         for first in range(0, len(samples), _BLOCK):
             rows = (slice(first, first + _BLOCK), *column)
-            block = accumulate(samples[rows].tolist(), step, initial=before)
-            values = list(block)[before is not None :]
-            found[rows] = values
-            before = values[-1]
-    return found
+            block = accumulate(samples[rows].tolist(), step, initial=previous)
+            values = list(block)[previous is not None :]
+            results[rows] = values
+            previous = values[-1]
+    return results
 
 
 def _low_pass(pole_hz: float, dt_ms: float) -> tuple[float, float]:
-    """Shares of two inputs, and of the output before, in that of a low pass (trapezoidal rule)."""
+    """Weights of two inputs and of the previous output in a low pass (trapezoidal rule)."""
     half = math.pi * pole_hz * dt_ms / 1000.0
     return half / (1.0 + half), (1.0 - half) / (1.0 + half)
 
@@ -219,7 +221,7 @@ def _low_pass(pole_hz: float, dt_ms: float) -> tuple[float, float]:
 def checked_stress(
     stress_pa: ArrayLike, dt_ms: float = 1.0, derivative: str = "backward"
 ) -> FloatArray:
-    """`stress_pa` as float64 ``(T,)`` or ``(T, condition)``, or an error as `stress_rate`."""
+    """`stress_pa` as float64 ``(T,)`` or ``(T, condition)``; raises as `stress_rate`."""
     stress = np.asarray(stress_pa, dtype=np.float64)
     if stress.ndim not in (1, 2) or stress.shape[0] < 2:
         raise TraceError(
@@ -247,14 +249,14 @@ def _change(slope: FloatArray, order: int, derivative: str) -> FloatArray:
 
 
 def _windowed_mean(values: FloatArray, ahead: int, behind: int, outside: str) -> FloatArray:
-    """Mean over samples t − `behind` to t + `ahead`; each t sums in the same order.
+    """Mean over samples t − `behind` to t + `ahead`, summed in the same order at each t.
 
-    A running sum would be quicker and leave a rounding residue of all that came
-    before, so that a still finger after a loud stimulus would not be still.
+    A running sum would be faster but keep rounding residues of earlier samples, so that a
+    finger at rest after a strong stimulus would not give 0.
     """
     width = behind + ahead + 1
-    beside = ((behind, ahead), *[(0, 0)] * (values.ndim - 1))
-    padded = np.pad(values, beside, mode="edge" if outside == "edge" else "constant")
+    pad_widths = ((behind, ahead), *[(0, 0)] * (values.ndim - 1))
+    padded = np.pad(values, pad_widths, mode="edge" if outside == "edge" else "constant")
     total = np.zeros_like(values)
     for shift in range(width):
         total += padded[shift : shift + values.shape[0]]

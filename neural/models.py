@@ -1,13 +1,13 @@
-"""All models of an afferent in one table: equation, free parameters, reason.
+"""Table of all afferent models: equation, free parameters, reason.
 
-`MODELS` has a row for each name and class. ``published`` is the paper's; the others
-are this project's, each made to answer one question about it, and compared with it on
-the same data in ``docs/model_study.md``. Beside that every model may have more than one
-cell (``cells``, ``spread``) and an adaptive threshold (``jump_mv``, ``recovery_ms``).
+`MODELS` has a row for each name and class. ``published`` is the paper's model; each of the
+others answers one question about it and is compared with it on the same data in
+``docs/model_study.md``. Every model may have more than one cell (``cells``, ``spread``) and
+an adaptive threshold (``jump_mv``, ``recovery_ms``).
 
 A current is ``I' = (R_m / τ_m) I`` in mV/ms, so that ``alpha_mv_per_ms`` is the α′ of
-Table 2 and neither R_m nor the milliamperes of α are needed. A saturating share is that
-of current (4), (5) and (6) of the paper.
+Table 2, and neither R_m nor α in mA is needed. Currents (4), (5) and (6) of the paper have
+saturating shares.
 """
 
 import math
@@ -45,30 +45,30 @@ from neural.parameters import (
     TwoWayRaParameters,
 )
 
-# Cells of `rising`, whose rates are means over a population: a recorded mean has steps of a
-# fifth of an impulse, as far as cells fire equally.
+# Cells of `rising`, whose rates are means over a population: the steps of a recorded mean
+# are a fifth of an impulse.
 CELLS = 5
 
-# Those of the shipped models: cells of one step at 300 Hz are 30 impulses/s apart, not 60,
-# and a fit does not place its few steps on the few frequencies that it sees.
+# Cells of the shipped models: one cell more or less at 300 Hz changes the rate by 30
+# impulses/s instead of 60, and a fit cannot place its few steps on the fitted frequencies.
 MORE_CELLS = 10
 
-# Thresholds minus rest of section 2.2 in mV, on which the steps of stress count.
+# Threshold minus rest of section 2.2, in mV.
 _SA_GAP_MV, _RA_GAP_MV = 15.0, 10.0
 
 
-# Filtered stress of stress, the time between two samples in ms, and a scheme of σ′.
+# Filtered stress from stress in Pa, the time step in ms and the scheme of σ′.
 Filter: TypeAlias = Callable[[FloatArray, float, str], FloatArray]
 Values: TypeAlias = Mapping[str, ArrayLike]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coefficients:
-    """Of a current ``alpha × Σ share``, one share a filter.
+    """Coefficients of a current ``alpha × Σ share``, one share per filter.
 
     With `halves` a share saturates, ``x / (half + x)``; with `weights` it is linear,
-    ``weight × x``; just one of both is given. Entries are numbers or arrays.
-    `degree` is the power of the stress that linear filters grow with.
+    ``weight × x``; exactly one of both is set. Entries are numbers or arrays. The output
+    of linear filters is proportional to the stress to the power `degree`.
     """
 
     alpha_mv_per_ms: ArrayLike
@@ -76,19 +76,21 @@ class Coefficients:
     weights: tuple[ArrayLike, ...] | None = None
     degree: float = 1.0
 
-    def for_need(self, need: ArrayLike) -> "Coefficients":
-        """Those of a cell that needs `need` times the stress for the same current."""
+    def for_need(self, stress_factor: ArrayLike) -> "Coefficients":
+        """Coefficients of a cell that needs `stress_factor` times the stress for a current."""
         if self.halves is not None:
-            return replace(self, halves=tuple(np.multiply(half, need) for half in self.halves))
-        alpha = np.divide(self.alpha_mv_per_ms, np.power(need, self.degree))
+            return replace(
+                self, halves=tuple(np.multiply(half, stress_factor) for half in self.halves)
+            )
+        alpha = np.divide(self.alpha_mv_per_ms, np.power(stress_factor, self.degree))
         return replace(self, alpha_mv_per_ms=alpha)
 
     def backwards(self, share: ArrayLike) -> "Coefficients":
-        """Those of a membrane that integrates falls, `share` times as sensitive to them."""
+        """Coefficients of a membrane for falling stress, `share` times as sensitive."""
         return replace(self, alpha_mv_per_ms=-np.multiply(self.alpha_mv_per_ms, share))
 
     def current(self, filtered: Sequence[FloatArray]) -> FloatArray:
-        """Current in mV/ms of filtered stress; entries broadcast to it."""
+        """Current in mV/ms from filtered stress; entries broadcast to its shape."""
         if self.halves is None:
             parts = [gain * x for x, gain in zip(filtered, self.gains(), strict=True)]
             return np.asarray(sum(parts[1:], parts[0]))
@@ -103,9 +105,9 @@ class Coefficients:
 
 @dataclass(frozen=True, slots=True)
 class Free:
-    """A parameter that a fit searches, evenly in its logarithm, from `low` to `high`.
+    """Free parameter of a fit, searched from `low` to `high` in `unit`.
 
-    `even` ones are searched evenly in themselves.
+    The search is uniform in the logarithm, or, where `even`, in the parameter.
     """
 
     field: str
@@ -115,7 +117,7 @@ class Free:
     even: bool = False
 
 
-# How far each parameter is searched; the paper does not state its bounds.
+# Search range of each parameter; the paper does not state its ranges.
 TAU = Free("tau_ms", 1.0, 1000.0, "ms")
 SPREAD = Free("spread", 0.0, 2.0, "1", even=True)
 JUMP = Free("jump_mv", 0.1, 30.0, "mV")
@@ -127,22 +129,22 @@ A4 = Free("a4_pa_per_ms2", 1e-1, 1e4, "Pa/ms²")
 ALPHA = Free("alpha_mv_per_ms", 1e-1, 1e3, "mV/ms")
 BETA = Free("beta_mv_per_ms", 1e-2, 1e2, "mV/ms")
 STEP = Free("step_pa", 1e3, 1e6, "Pa")
-HELD = Free("held_pa", 1e3, 1e6, "Pa")
+HELD_LEVEL = Free("held_pa", 1e3, 1e6, "Pa")
 RETRACTION = Free("retraction", 0.4, 1.0, "1", even=True)
 
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """One model of one class: what it filters, how that becomes current, and why.
+    """One model of one class: filters, current, free parameters and reason.
 
     `clamped` membranes do not fall below rest. With `two_way` a cell has a second membrane
-    that integrates falls, and a spike of either is a spike of the cell. What a spike adds to
-    the threshold `fades`; with `until_turn` all of it is lost as soon as the current drives the
-    potential below rest. Filters of a `whole` model look back to the beginning of the trace.
-    `any_step` equations have no time step in them: their parameters hold at any.
+    that integrates falling stress, and a spike of either is a spike of the cell. The rise of
+    the threshold by a spike `fades`; with `until_turn` it is 0 again as soon as the current
+    drives the potential below rest. Filters of a `whole` model depend on the trace from its
+    first sample. `any_step` equations have no time step: their parameters are valid at any.
 
-    `equation` is kept beside fitted parameters, and those with another one are refused:
-    when a constant changes, so does its text. `quantity` is the stress that it reads:
+    `equation` is stored with fitted parameters; parameters with another equation are
+    refused, so its text changes with every constant. `quantity` is the stress it reads:
     ``von_mises``, or ``energy``, the uniaxial stress of equal strain energy.
     """
 
@@ -169,17 +171,17 @@ class Model:
     def filtered(
         self, stress_pa: FloatArray, dt_ms: float, derivative: str
     ) -> tuple[FloatArray, ...]:
-        """Stress after each filter, of the shape of `stress_pa`."""
-        return tuple(each(stress_pa, dt_ms, derivative) for each in self.filters)
+        """Output of each filter, in the shape of `stress_pa`."""
+        return tuple(apply_filter(stress_pa, dt_ms, derivative) for apply_filter in self.filters)
 
     def ways(self, values: Values) -> tuple[Coefficients, ...]:
-        """Coefficients of each membrane of a cell: a two-way one has a second, of falls."""
+        """Coefficients of each membrane of a cell; the second of a two-way cell is for falls."""
         rises = self.coefficients(values)
         return (rises, rises.backwards(values["retraction"])) if self.two_way else (rises,)
 
     def membrane(self, values: Values, dt_ms: float) -> Membrane:
-        """Constants of the membranes of `values`, parameters by name, at a time step."""
-        return Membrane.of(
+        """Membrane constants at the time step `dt_ms`; `values` are parameters by name."""
+        return Membrane.from_times(
             dt_ms,
             tau_ms=values["tau_ms"],
             gap_mv=np.subtract(values["threshold_mv"], values["rest_mv"]),
@@ -191,11 +193,11 @@ class Model:
         )
 
     def free(self, cells: int | None = None) -> tuple[Free, ...]:
-        """What a fit of so many cells searches; by default the model's own number."""
-        own = (self.tau, *self.own_free) if self.tau else self.own_free
+        """Free parameters of a fit with `cells` (default: the number of the model)."""
+        parameters = (self.tau, *self.own_free) if self.tau else self.own_free
         if self.adaptive:
-            own = (*own, JUMP, RECOVERY)
-        return (*own, self.spread) if (cells or self.cells) > 1 else own
+            parameters = (*parameters, JUMP, RECOVERY)
+        return (*parameters, self.spread) if (cells or self.cells) > 1 else parameters
 
 
 def _saturating(*halves: str) -> Callable[[Values], Coefficients]:
@@ -205,9 +207,9 @@ def _saturating(*halves: str) -> Callable[[Values], Coefficients]:
 
 
 def _rising_sa(values: Values) -> Coefficients:
-    held = np.multiply(values["held_pa"], values["tau_ms"])
+    held_pa_ms = np.multiply(values["held_pa"], values["tau_ms"])
     return Coefficients(
-        _SA_GAP_MV, weights=(np.divide(1.0, values["step_pa"]), np.divide(1.0, held))
+        _SA_GAP_MV, weights=(np.divide(1.0, values["step_pa"]), np.divide(1.0, held_pa_ms))
     )
 
 
@@ -256,7 +258,7 @@ _ROWS = (
             model,
             name="energy",
             quantity="energy",
-            reason="does strain energy density, held to drive SA, explain more than von Mises "
+            reason="does strain energy density, assumed to drive SA, explain more than von Mises "
             "stress? σ is the uniaxial stress of equal strain energy, √(2EW)",
         )
         for model in _PUBLISHED
@@ -266,8 +268,8 @@ _ROWS = (
             model,
             name="adaptive",
             adaptive=True,
-            reason="does a threshold that each spike raises, as afferents show, flatten "
-            "the rates at high frequencies?",
+            reason="does a threshold that each spike raises, as in afferents, limit the rates "
+            "at high frequencies?",
         )
         for model in _PUBLISHED
     ),
@@ -277,11 +279,11 @@ _ROWS = (
         parameters=RisingSaParameters,
         filters=(stress_rate, lambda stress, *_: stress),
         coefficients=_rising_sa,
-        own_free=(STEP, HELD),
+        own_free=(STEP, HELD_LEVEL),
         equation="I' = gap (σ'/step + σ/(held τ)), v ≥ rest",
-        reason="observed impulses a cycle go with the amplitude, hardly with the "
+        reason="observed impulses per cycle depend on the amplitude and hardly on the "
         "frequency: each rise of stress by a step fires once; stress above a level "
-        "fires on",
+        "keeps firing",
         clamped=True,
         cells=CELLS,
         any_step=True,
@@ -294,7 +296,7 @@ _ROWS = (
         coefficients=_rising_ra,
         own_free=(STEP,),
         equation="I' = gap σ'/step, v ≥ rest",
-        reason="observed impulses a cycle go with the amplitude, hardly with the "
+        reason="observed impulses per cycle depend on the amplitude and hardly on the "
         "frequency: each rise of stress by a step fires once",
         clamped=True,
         cells=CELLS,
@@ -306,12 +308,12 @@ _ROWS = (
         parameters=FadingSaParameters,
         filters=(slow_rate, faded),
         coefficients=_rising_sa,
-        own_free=(replace(STEP, low=2e4, high=2e5), replace(HELD, low=4e3, high=4e4)),
+        own_free=(replace(STEP, low=2e4, high=2e5), replace(HELD_LEVEL, low=4e3, high=4e4)),
         tau=replace(TAU, low=10.0, high=100.0),
         spread=replace(SPREAD, high=1.0),
         equation="I' = gap (r/step + max(σ - s/2, 0)/(held τ)), r is σ' through a low pass at "
         "100 Hz, s follows σ in 200 ms, v ≥ rest",
-        reason="rising, and as in Merkel cells half of the answer to a held stress fades "
+        reason="as rising; as in Merkel cells, half of the response to a held stress fades "
         "within 200 ms: slow adaptation, and fewer spikes at 5 and 10 Hz; fast movement "
         "drives it less",
         clamped=True,
@@ -331,7 +333,7 @@ _ROWS = (
         equation="I' = gap σ'/step and -retraction gap σ'/step, a membrane each, v ≥ rest, "
         "threshold + jump until the turn",
         reason="RA fires at indentation and at retraction: each has its own membrane that "
-        "counts steps of stress; further steps of one sweep are four times as large",
+        "counts steps of stress; later steps of one sweep are four times as large",
         clamped=True,
         cells=MORE_CELLS,
         two_way=True,
@@ -352,9 +354,9 @@ _ROWS = (
         equation="I' = β (max(y, 0)^0.6 - 0.85 max(-y, 0)^0.6), y = σ through three high "
         "and three low passes at 300 Hz, v ≥ rest, threshold + jump, which fades in 12 ms and "
         "is gone at the turn",
-        reason="PC cells are keenest between 200 and 300 Hz and duller above; a swing fires "
-        "once over a wide range of amplitudes, what stays of faint ones adds up, no amplitude "
-        "drives a cell below rest, and one that missed its turn is not silent for long",
+        reason="PC cells are most sensitive between 200 and 300 Hz; a cycle fires once over a "
+        "wide range of amplitudes, subthreshold cycles add up, no amplitude drives a cell below "
+        "rest, and a cell that misses a cycle fires again soon",
         clamped=True,
         until_turn=True,
         cells=MORE_CELLS,
@@ -363,7 +365,7 @@ _ROWS = (
     ),
 )
 
-# The models of the shipped parameters; see ``docs/model_study.md``.
+# Models of the shipped parameters; see ``docs/model_study.md``.
 DEFAULT_MODELS: Mapping[str, str] = MappingProxyType(
     {"SA": "fading", "RA": "two_way", "PC": "corpuscle"}
 )
@@ -377,21 +379,21 @@ MODELS: Mapping[str, Mapping[str, Model]] = MappingProxyType(
 
 
 def model_named(name: str, afferent: str) -> Model:
-    """The row of a name and class.
+    """Row of `MODELS` for a name and class.
 
     Raises
     ------
     ParameterError
-        No such name, or none for this class.
+        Unknown name, or no row for this class.
     """
     if name not in MODELS:
         raise ParameterError(f"model {name!r}, expected one of {', '.join(MODELS)}")
     if afferent not in MODELS[name]:
-        known = ", ".join(n for n, rows in MODELS.items() if afferent in rows)
-        raise ParameterError(f"no model {name!r} for {afferent}, expected one of {known}")
+        names = ", ".join(n for n, rows in MODELS.items() if afferent in rows)
+        raise ParameterError(f"no model {name!r} for {afferent}, expected one of {names}")
     return MODELS[name][afferent]
 
 
 def model_of(parameters: AfferentParameters) -> Model:
-    """The row that `parameters` belong to."""
+    """Row of `MODELS` whose equation `parameters` belong to."""
     return model_named(parameters.drive, parameters.afferent)

@@ -1,8 +1,7 @@
-"""Parameters of the three afferent classes, of the paper's model and of ours.
+"""Parameters of the three afferent classes, for the paper's model and the others.
 
-What all have in common is in `AfferentParameters`; what a model's filters and current
-need is in a class of its own. ``drive`` names the row of `neural.models` whose equation
-the numbers belong to.
+`AfferentParameters` has the common ones; a subclass has those of a model's filters and
+current. ``drive`` names the row of `neural.models` whose equation the numbers belong to.
 """
 
 import math
@@ -28,20 +27,20 @@ MOST_CELLS = 1000
 _MAY_BE_ZERO = ("refractory_ms", "spread", "jump_mv")
 _POTENTIALS = ("rest_mv", "threshold_mv")
 
-# A refractory period that no stimulus outlasts is a mistake.
-_MOST = {"refractory_ms": 1.0e5, "spread": 10.0}
+# Largest values; a longer refractory period exceeds any stimulus.
+_MAXIMA = {"refractory_ms": 1.0e5, "spread": 10.0}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AfferentParameters:
-    """What every class has: a membrane, how its cells differ, how it adapts.
+    """Parameters of every class: membrane, differences between cells, adaptation.
 
-    `dt_ms` is the time step at which the numbers hold: filters (3) and (4) take
-    differences that are not divided by it. A recorded rate is a mean over afferents:
-    `cells` of them stand for the population, and `spread` is the standard deviation
-    of the logarithm of their sensitivity to stress. `jump_mv` is what a spike adds
-    to the threshold, `recovery_ms` the time constant with which that is lost. The
-    paper has one cell and a fixed threshold.
+    `dt_ms` is the time step in ms at which the numbers are valid: the differences of filters
+    (3) and (4) are not divided by it. A recorded rate is a mean over afferents: `cells`
+    represent the population, and `spread` is the standard deviation of the logarithm of
+    their sensitivity to stress. `jump_mv` is the rise of the threshold by a spike,
+    `recovery_ms` the time constant of its decay. The paper has one cell and a fixed
+    threshold.
     """
 
     afferent: ClassVar[str]
@@ -63,7 +62,7 @@ class AfferentParameters:
             object.__setattr__(self, "drive", self.drives[0])
         if self.drive not in self.drives:
             raise ParameterError(
-                f"{self.afferent}: model {self.drive!r} has no such parameters, "
+                f"{self.afferent}: model {self.drive!r} has other parameters, "
                 f"expected {' or '.join(self.drives)}"
             )
         if not 1 <= self.cells <= MOST_CELLS:
@@ -76,10 +75,10 @@ class AfferentParameters:
             number = float(getattr(self, name))
             object.__setattr__(self, name, number)
             potential, zero = name in _POTENTIALS, name in _MAY_BE_ZERO and number == 0
-            most = _MOST.get(name, math.inf)
-            if not (math.isfinite(number) and (potential or zero or 0 < number <= most)):
+            maximum = _MAXIMA.get(name, math.inf)
+            if not (math.isfinite(number) and (potential or zero or 0 < number <= maximum)):
                 expected = "a finite number" if potential else "> 0"
-                expected += f" and at most {most:g}" if name in _MOST else ""
+                expected += f" and at most {maximum:g}" if name in _MAXIMA else ""
                 raise ParameterError(
                     f"{self.afferent}: {name} is {number:g}, expected {expected}"
                     f"{' (or 0)' if name in _MAY_BE_ZERO else ''}"
@@ -97,8 +96,8 @@ class AfferentParameters:
                 )
 
     def by_name(self) -> dict[str, Any]:
-        """Every number under its name, and `drive`."""
-        return {one.name: getattr(self, one.name) for one in fields(self)}
+        """All parameters by name, with `drive`."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,9 +142,9 @@ class PcParameters(AfferentParameters):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RisingSaParameters(AfferentParameters):
-    """SA that counts rises of stress, and fires on under sustained stress.
+    """SA that counts rises of stress and keeps firing under sustained stress.
 
-    A quick rise of `step_pa` fires one spike; sustained stress above `held_pa` fires on.
+    A quick rise of `step_pa` fires one spike; sustained stress above `held_pa` keeps firing.
     """
 
     afferent: ClassVar[str] = "SA"
@@ -171,18 +170,18 @@ class RisingRaParameters(AfferentParameters):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FadingSaParameters(RisingSaParameters):
-    """SA that counts rises of stress, and whose answer to a held stress fades."""
+    """SA that counts rises of stress; its response to a held stress fades."""
 
     drives: ClassVar[tuple[str, ...]] = ("fading",)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwoWayRaParameters(RisingRaParameters):
-    """RA that counts rises and falls of stress, each on a membrane of its own.
+    """RA that counts rises and falls of stress, each on a separate membrane.
 
-    `retraction` is the sensitivity to falls as a share of that to rises. `jump_mv` lasts
-    until the stress turns: of one rise the first spike takes `step_pa`, each other one
-    four times as much. `tau_ms` is not fitted: a rise at 20 Hz or above leaks little.
+    `retraction` is the sensitivity to falls over that to rises. `jump_mv` lasts until the
+    stress turns: in one rise the first spike needs `step_pa`, each later spike four times
+    as much. `tau_ms` is not fitted: a rise at 20 Hz or above leaks little.
     """
 
     drives: ClassVar[tuple[str, ...]] = ("two_way",)
@@ -194,11 +193,11 @@ class TwoWayRaParameters(RisingRaParameters):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CorpusclePcParameters(AfferentParameters):
-    """PC whose corpuscle passes what is near its best frequency, compressed.
+    """PC whose corpuscle is a band pass with compressed output.
 
-    `beta_mv_per_ms` is the current at 1 Pa of what the corpuscle passes. `jump_mv` fades
-    with `recovery_ms` and is gone when what it passes turns: a second spike of one swing takes
-    a far stronger one.
+    `beta_mv_per_ms` is the current at an output of 1 Pa. `jump_mv` fades with `recovery_ms`
+    and is 0 again when the output changes sign: a second spike in one half cycle needs a
+    far stronger stimulus.
     """
 
     afferent: ClassVar[str] = "PC"
@@ -213,9 +212,9 @@ class CorpusclePcParameters(AfferentParameters):
 
 Parameters: TypeAlias = Mapping[str, AfferentParameters]
 
-# Table 2, "List of optimized parameters", one row a class; thresholds and refractory
-# periods (the defaults above) are in section 2.2. The SA row prints 10.23 under α'2
-# too, which is RA's: SA has no α'2, so it is taken as a slip of the table.
+# Table 2, "List of optimized parameters", one row per class; thresholds and refractory
+# periods (the defaults above) are in section 2.2. The SA row also has 10.23 under α'2, the
+# value of RA; SA has no α'2, so this is taken as a misprint.
 PUBLISHED: Parameters = MappingProxyType(
     {
         "SA": SaParameters(tau_ms=32.14, a1_pa=1926.32, a2_pa_per_ms=9850.98, alpha_mv_per_ms=1.79),
@@ -228,7 +227,7 @@ AFFERENTS = tuple(PUBLISHED)
 
 
 def quantiles(cells: int) -> FloatArray:
-    """Middles of `cells` equal shares of a normal distribution, ``(cells,)`` rising.
+    """Quantiles of a normal distribution at the middles of equal shares, ``(cells,)`` ascending.
 
     A cell at quantile q needs ``exp(spread q)`` times the stress of the median cell,
     so the first is the most sensitive.
