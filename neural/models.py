@@ -206,7 +206,7 @@ class Model:
 
     def membrane(self, values: Values, dt_ms: float) -> Membrane:
         """Constants of the membranes of `values`, parameters by name, at a time step."""
-        return Membrane.of(
+        return Membrane.from_times(
             dt_ms,
             tau_ms=values["tau_ms"],
             gap_mv=np.subtract(values["threshold_mv"], values["rest_mv"]),

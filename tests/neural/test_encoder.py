@@ -157,7 +157,7 @@ def test_parts_of_a_trace_fire_as_the_whole(row, derivative, refractory_ms, monk
     monkeypatch.setattr(encoder, "_ROWS", 1)
     monkeypatch.setattr(encoder, "_MEMBRANES", 4)
     for few in (0, 20):
-        monkeypatch.setattr(lif, "_FEW", few)
+        monkeypatch.setattr(lif, "_MAX_ONE_BY_ONE", few)
         assert fired() == whole
 
 

@@ -103,7 +103,8 @@ def test_a_component_is_the_pchip_of_its_own_levels(made_map, depth_um):
 def test_a_stimulus_that_goes_too_deep_is_refused_with_both_depths(made_map, depth_um):
     with pytest.raises(ResponseError) as caught:
         made_map().traces(stimulus_of([0.0, depth_um, 0.0]))
-    assert str(caught.value) == (f"mine goes {depth_um:g} um deep, the response map reaches 300 um")
+    for shown in ("mine", f"{depth_um:g} um", "300 um"):
+        assert shown in str(caught.value)
 
 
 BAD = [
@@ -143,7 +144,7 @@ def test_an_energy_takes_poisson_s_ratio_of_the_layer_of_its_afferent():
 )
 def test_an_energy_without_its_material_is_refused_and_a_plain_stress_is_not(origin):
     bare = replace(RESPONSE, origin=origin)
-    with pytest.raises(ResponseError, match="Poisson's ratio of epidermis, in which SA"):
+    with pytest.raises(ResponseError, match=r"epidermis.*SA"):
         bare.traces(STIMULUS, ENERGY)
     assert len(bare.traces(STIMULUS, PUBLISHED)) == 3
 
@@ -151,26 +152,27 @@ def test_an_energy_without_its_material_is_refused_and_a_plain_stress_is_not(ori
 @pytest.mark.parametrize(
     ("finger", "probe", "element", "shown"),
     [
-        (QUICK, Probe(diameter_mm=2.0), "CPE4", "diameter_mm 1.0, asked for is 2.0"),
-        (QUICK, Probe("flat"), "CPE4", "shape 'cylinder', asked for is 'flat'"),
-        (QUICK, Probe(), "CPE8R", "has 'CPE4', asked for is 'CPE8R'"),
+        (QUICK, Probe(diameter_mm=2.0), "CPE4", ("probe", "diameter_mm", "1.0", "2.0")),
+        (QUICK, Probe("flat"), "CPE4", ("probe", "shape", "'cylinder'", "'flat'")),
+        (QUICK, Probe(), "CPE8R", ("element", "'CPE4'", "'CPE8R'")),
         (
             finger_from({"afferents": {"SA": {"depth_mm": 0.61}}}, "quick"),
             Probe(),
             "CPE4",
-            "asked for is 0.61",
+            ("finger", "afferents.SA.depth_mm", "0.61"),
         ),
     ],
 )
 def test_anything_else_is_refused_and_the_difference_named(finger, probe, element, shown):
-    with pytest.raises(ResponseError, match="no response is stored for this") as caught:
+    with pytest.raises(ResponseError) as caught:
         stored_response(finger, probe, element)
-    assert shown in str(caught.value)
+    for name_or_value in shown:
+        assert name_or_value in str(caught.value)
 
 
 def test_a_finger_of_another_name_gets_the_names_of_those_that_are():
     other = dataclasses.replace(QUICK, name="mine")
-    with pytest.raises(ResponseError, match="finger 'mine', only for paper, quick"):
+    with pytest.raises(ResponseError, match=r"'mine'.*paper, quick"):
         stored_response(other, Probe(), "CPE4")
 
 
