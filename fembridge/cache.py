@@ -317,11 +317,11 @@ def _open_file(folder: int, name: str) -> int:
     return handle
 
 
-def _content(folder: int, name: str, most: int) -> bytes:
+def _content(folder: int, name: str, limit_bytes: int) -> bytes:
     """At most `most` bytes of a file of an open folder."""
     with open(_open_file(folder, name), "rb") as file:
         try:
-            return file.read(most)
+            return file.read(limit_bytes)
         except OSError as error:
             raise _DamagedError from error
 
@@ -329,7 +329,7 @@ def _content(folder: int, name: str, most: int) -> bytes:
 def _copy(folder: int, name: str, target: Path) -> None:
     """Copy a file of an open folder; `_DamagedError` where it cannot be read."""
     with open(_open_file(folder, name), "rb") as source, target.open("wb") as out:
-        left = ENTRY_LIMIT_BYTES
+        remaining_bytes = ENTRY_LIMIT_BYTES
         while True:
             try:
                 block = source.read(1 << 20)
@@ -337,8 +337,8 @@ def _copy(folder: int, name: str, target: Path) -> None:
                 raise _DamagedError from error
             if not block:
                 return
-            left -= len(block)
-            if left < 0:
+            remaining_bytes -= len(block)
+            if remaining_bytes < 0:
                 raise _DamagedError
             out.write(block)
 
@@ -359,9 +359,9 @@ def _read(folder: Path, handle: int) -> Entry:
         table = sealed_table(content, folder / ENTRY_FILE, "cache entry", FORMAT)
     except ResponseError as error:
         raise _DamagedError from error
-    what, record, files = (table.get(name) for name in ("what", "record", "files"))
+    description, record, files = (table.get(name) for name in ("what", "record", "files"))
     if not (
-        isinstance(what, str)
+        isinstance(description, str)
         and isinstance(record, dict)
         and isinstance(files, dict)
         and table.get("key", folder.name) == folder.name  # earlier versions wrote none
@@ -375,7 +375,7 @@ def _read(folder: Path, handle: int) -> Entry:
     for name in files:
         with suppress(OSError):
             size += os.stat(name, dir_fd=handle, follow_symlinks=False).st_size
-    return Entry(folder, what, record, files, size, used_s)
+    return Entry(folder, description, record, files, size, used_s)
 
 
 def _is_listed(name: str, sha256: object) -> bool:

@@ -37,7 +37,7 @@ _STEERING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]"
 
 def plain(text: str) -> str:
     """`text` with control characters shown, not sent."""
-    return _STEERING.sub(lambda one: one[0].encode("unicode_escape").decode(), text)
+    return _STEERING.sub(lambda match: match[0].encode("unicode_escape").decode(), text)
 
 
 def error_line(problem: object) -> str:
@@ -47,11 +47,11 @@ def error_line(problem: object) -> str:
     out, and counted: a file that somebody sent may have quoted itself into it.
     """
     line = plain(f"fembridge: {' '.join(str(problem).splitlines())}")
-    left_out = len(line) - LONGEST_ERROR
-    if left_out <= 0:
+    omitted_count = len(line) - LONGEST_ERROR
+    if omitted_count <= 0:
         return line
     half = LONGEST_ERROR // 2
-    return f"{line[:half]} ... {left_out} characters left out ... {line[-half:]}"
+    return f"{line[:half]} ... {omitted_count} characters left out ... {line[-half:]}"
 
 
 def log(line: object) -> None:
@@ -199,11 +199,13 @@ class SolverBars(Bars):
 
 def how_far(progress: "Progress") -> str:
     """Increments, iterations and the time left of a run of the solver, in a line."""
-    words = (
+    counts_text = (
         f"{progress.increment}/{progress.increments} increments, {progress.iterations} iterations"
     )
     left_s = progress.left_s
-    return words if left_s is None else f"{words}, {timedelta(seconds=round(left_s))} left"
+    return (
+        counts_text if left_s is None else f"{counts_text}, {timedelta(seconds=round(left_s))} left"
+    )
 
 
 def _start() -> "rich.progress.Progress":
