@@ -296,9 +296,9 @@ class MarcSource(FieldSource[MarcBlock]):
         found = [{name: one for name, one in out.items() if name in names} for out in outputs]
         return [output for output in found if output]
 
-    def history_name(self, held: Sequence[str], quantity: str | None) -> str:
+    def history_name(self, available: Sequence[str], quantity: str | None) -> str:
         """The stress of traces, without one the displacement, else the first."""
-        if VON_MISES in held and quantity in (None, VON_MISES):
+        if VON_MISES in available and quantity in (None, VON_MISES):
             return VON_MISES
         name = ""
         if quantity in (None, STRESS, *OF_STRESS):
@@ -307,17 +307,17 @@ class MarcSource(FieldSource[MarcBlock]):
             except ResultError:
                 if quantity is not None or self.options.von_mises is not None:
                     raise
-            if name and name not in held and quantity is not None:
+            if name and name not in available and quantity is not None:
                 raise ResultError(
                     "no element values in it: the deck's 'post' asks for no element code (311 is "
                     "the stress tensor)",
                     self.path,
                 )
-        if name in held:
+        if name in available:
             return name
-        if not held:
+        if not available:
             raise ResultError("no values in it", self.path)
-        return self.field_name(held, quantity)
+        return self.field_name(available, quantity)
 
     def at_nodes(self, blocks: Sequence[MarcBlock], nodes: Sequence[int]) -> FloatArray:
         """Values of one quantity, ``(T, node, component)``; those of points inside one layer."""

@@ -164,13 +164,13 @@ class FieldSource(Source, Generic[_Block]):
         """Outputs that have `names`, and these alone."""
         raise NotImplementedError
 
-    def history_name(self, held: Sequence[str], quantity: str | None) -> str:
-        """The name among those `held` that a history takes."""
+    def history_name(self, available: Sequence[str], quantity: str | None) -> str:
+        """The name among those `available` that a history takes."""
         raise NotImplementedError
 
-    def field_name(self, held: Sequence[str], quantity: str | None) -> str:
-        """The name among those `held` that `quantity` means."""
-        return name_in(held, quantity, self.path)
+    def field_name(self, available: Sequence[str], quantity: str | None) -> str:
+        """The name among those `available` that `quantity` means."""
+        return name_in(available, quantity, self.path)
 
     def at_nodes(self, blocks: Sequence[_Block], nodes: Sequence[int]) -> FloatArray:
         """Values of one quantity, ``(T, node, component)``."""
