@@ -40,7 +40,7 @@ def calculix_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> s
     if options.frames > 1 and analysis.inertia:
         raise UsageError("frames: 1 alone where inertia counts: a new step would jolt the skin")
     first = int(analysis.probe.number.max()) + 1
-    found = branches(analysis.layers, first, analysis.motion.phases[-1].dt_s)
+    creep_branches = branches(analysis.layers, first, analysis.motion.phases[-1].dt_s)
     on_axis = np.isin(analysis.contact_node, analysis.axis)
     return keyword_deck(
         "calculix.inp.j2",
@@ -48,9 +48,9 @@ def calculix_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> s
         [lasting(layer) for layer in (*analysis.layers, analysis.probe)],
         list(_steps(analysis.motion, options.frames)),
         binary=options.results != "text",
-        branches=found,
+        branches=creep_branches,
         # Numbers that neither finger, probe nor branch has.
-        free_element=first + sum(len(section.number) for section, _ in found),
+        free_element=first + sum(len(section.number) for section, _ in creep_branches),
         free_node=analysis.first_probe_node + len(analysis.probe_mesh.node_mm),
         tied=np.unique(analysis.probe.node).tolist(),
         skin_nodes=analysis.contact_node[~on_axis],
@@ -91,15 +91,15 @@ def lasting(section: ElementSet) -> ElementSet:
     if not values.prony:
         return section
     young_mpa = values.lasting_share * values.young_mpa
-    left = Material(young_mpa, values.poisson, density_kg_m3=values.density_kg_m3)
-    return replace(section, material=left)
+    lasting_material = Material(young_mpa, values.poisson, density_kg_m3=values.density_kg_m3)
+    return replace(section, material=lasting_material)
 
 
 def branches(
     layers: Sequence[ElementSet], first: int, dt_s: float
 ) -> list[tuple[ElementSet, float]]:
     """Branches of all `layers` with their creep per MPa and s; elements from `first` on."""
-    found = []
+    branch_sections = []
     for layer in layers:
         values = layer.material
         for count, term in enumerate(values.prony, start=1):
@@ -119,5 +119,5 @@ def branches(
             section = ElementSet(
                 f"{layer.name}_prony_{count}", number, layer.node, branch, "linear"
             )
-            found.append((section, grown / (3 * shear_mpa * dt_s)))
-    return found
+            branch_sections.append((section, grown / (3 * shear_mpa * dt_s)))
+    return branch_sections

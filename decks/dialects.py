@@ -65,22 +65,22 @@ class Dialect:
     probes: tuple[str, ...]
     contact: tuple[str, ...]
     target: str
-    beside: Mapping[str, str] = field(default_factory=dict)
+    extra_files: Mapping[str, str] = field(default_factory=dict)
     how_to_run: str = ""
     springs: bool = False
     branches: bool = False
     frames: bool = False
 
-    def element_named(self, word: str) -> str:
+    def element_named(self, name: str) -> str:
         """Our name of the element that `word` is, ours or the solver's."""
-        for ours, theirs in self.elements.items():
-            if word.upper() in (ours, theirs):
-                return ours
-        known = ", ".join(
-            ours if ours == theirs else f"{theirs} ({ours})"
-            for ours, theirs in self.elements.items()
+        for element, solver_element in self.elements.items():
+            if name.upper() in (element, solver_element):
+                return element
+        choices = ", ".join(
+            element if element == solver_element else f"{solver_element} ({element})"
+            for element, solver_element in self.elements.items()
         )
-        raise DeckError(f"{self.name} has no element {word!r}, expected one of {known}")
+        raise DeckError(f"{self.name} has no element {name!r}, expected one of {choices}")
 
     def write(self, analysis: "Analysis", options: DeckOptions) -> dict[str, str]:
         """The text of each file: the deck, and what belongs to it.
@@ -91,21 +91,22 @@ class Dialect:
             Something that this dialect cannot say.
         """
         self.element_named(analysis.element)
-        chosen = dict[str, str]()
-        for what, known in (("results", self.result_kinds), ("probe", self.probes)):
-            word = chosen[what] = getattr(options, what) or known[0]
-            if word not in known:
+        values = dict[str, str]()
+        for option, choices in (("results", self.result_kinds), ("probe", self.probes)):
+            value = values[option] = getattr(options, option) or choices[0]
+            if value not in choices:
                 raise UsageError(
-                    f"a deck for {self.name} has no {what} {word!r}, expected {' or '.join(known)}"
+                    f"a deck for {self.name} has no {option} {value!r}, "
+                    f"expected {' or '.join(choices)}"
                 )
         if options.frames < 0:
             raise UsageError(f"frames is {options.frames}, expected 1 or more samples")
         if options.frames and not self.frames:
             raise UsageError(f"a deck for {self.name} has results at all nodes, at every sample")
-        asked, files = DeckOptions(**chosen, frames=options.frames), dict[str, str]()
-        for name, target in {self.deck: self.target, **self.beside}.items():
+        resolved, files = DeckOptions(**values, frames=options.frames), dict[str, str]()
+        for name, target in {self.deck: self.target, **self.extra_files}.items():
             module, _, function = target.partition(":")
-            files[name] = getattr(import_module(module), function)(analysis, asked)
+            files[name] = getattr(import_module(module), function)(analysis, resolved)
         return files
 
 
@@ -136,7 +137,7 @@ DIALECTS = {
             probes=("rigid", "meshed"),
             contact=("friction",),
             target="decks.marc.write:marc_deck",
-            beside={f"{JOB}.proc": "decks.marc.write:mentat_procedure"},
+            extra_files={f"{JOB}.proc": "decks.marc.write:mentat_procedure"},
             how_to_run=f"mentat -bg {JOB}.proc, run_marc -jid {JOB}{REWRITTEN}, then "
             f"fembridge ingest {JOB}{REWRITTEN}.t16; see docs/marc.md",
         ),

@@ -53,16 +53,16 @@ def element_lines(numbers: Sequence[int] | IntArray, nodes: IntArray) -> str:
 
 def list_lines(numbers: Sequence[int] | IntArray) -> str:
     """Whole numbers, as a set lists them."""
-    words = list(map(str, np.asarray(numbers).tolist()))
-    starts = range(0, len(words), _PER_LINE)
-    return "\n".join(f"{', '.join(words[start : start + _PER_LINE])}," for start in starts)
+    texts = list(map(str, np.asarray(numbers).tolist()))
+    starts = range(0, len(texts), _PER_LINE)
+    return "\n".join(f"{', '.join(texts[start : start + _PER_LINE])}," for start in starts)
 
 
 def pair_lines(pairs: Iterable[tuple[str, str]]) -> str:
     """Times and values, as an amplitude lists them."""
-    words = list(chain.from_iterable(pairs))
-    starts = range(0, len(words), 2 * _PAIRS_PER_LINE)
-    return "\n".join(", ".join(words[start : start + 2 * _PAIRS_PER_LINE]) for start in starts)
+    texts = list(chain.from_iterable(pairs))
+    starts = range(0, len(texts), 2 * _PAIRS_PER_LINE)
+    return "\n".join(", ".join(texts[start : start + 2 * _PAIRS_PER_LINE]) for start in starts)
 
 
 # ---- A deck
@@ -74,7 +74,7 @@ def keyword_deck(
     sections: Sequence[ElementSet],
     steps: Sequence[tuple[Phase, bool]],
     branches: Sequence[tuple[ElementSet, float]] = (),
-    **words: Any,  # noqa: ANN401 - what the template asks for
+    **values: Any,  # noqa: ANN401 - what the template asks for
 ) -> str:
     """`model` by a template of this folder: materials of `sections`, and `steps`.
 
@@ -87,10 +87,10 @@ def keyword_deck(
     )
     node = np.unique(model.probe.node)
     probe_mm = model.probe_mesh.node_mm[node - model.first_probe_node]
-    times = [fixed(at_s, 7) for at_s in model.motion.time_s.tolist()]
+    times = [fixed(time_s, 7) for time_s in model.motion.time_s.tolist()]
 
-    def amplitude(way_mm: FloatArray) -> str:
-        depths = (f"{mm:.9f}" for mm in (way_mm + 0.0).tolist())
+    def amplitude(travel_mm: FloatArray) -> str:
+        depths = (f"{mm:.9f}" for mm in (travel_mm + 0.0).tolist())
         return pair_lines(zip(times, depths, strict=True))
 
     return template(template_name).render(
@@ -104,7 +104,7 @@ def keyword_deck(
         steps=steps,
         branches=branches,
         **LINES,
-        **words,
+        **values,
     )
 
 
@@ -115,7 +115,7 @@ def abaqus_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> str
     stress, averaged at the nodes around each afferent, is printed to the ``.dat``. Every
     `options.frames` samples the whole field goes to the ``.odb`` too.
     """
-    model = analysis.whole()
+    model = analysis.full_section()
     around = {
         name: np.concatenate(
             [layer.number[(layer.node == node).any(axis=1)] for layer in model.layers]

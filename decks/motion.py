@@ -95,7 +95,7 @@ def motion_of(stimulus: Stimulus, procedure: str = "static", relaxing_s: float =
     depth_mm = stimulus.displacement_um * _MM_PER_UM
     aside_mm = None if stimulus.aside_um is None else stimulus.aside_um * _MM_PER_UM
     if procedure == "dynamic":
-        return _smooth(depth_mm, aside_mm, dt_s, SMOOTH_RAMP if ramp else 0)
+        return _dynamic_motion(depth_mm, aside_mm, dt_s, SMOOTH_RAMP if ramp else 0)
     way_mm = np.linspace(0.0, depth_mm[0], ramp + 1)[:-1]
     samples = len(depth_mm) - 1
     if procedure == "static":
@@ -110,7 +110,7 @@ def motion_of(stimulus: Stimulus, procedure: str = "static", relaxing_s: float =
             Phase(procedure, dt_s, samples),
         )
         phases = tuple(phase for phase in stages if phase.increments)
-        steps_s = [np.full(one.increments, one.dt_s) for one in phases]
+        steps_s = [np.full(phase.increments, phase.dt_s) for phase in phases]
         time_s = np.concatenate([[0.0], np.cumsum(np.concatenate(steps_s))])
     before = len(time_s) - 1 - samples
     held_mm = np.full(before - ramp, depth_mm[0])
@@ -121,20 +121,22 @@ def motion_of(stimulus: Stimulus, procedure: str = "static", relaxing_s: float =
     )
 
 
-def _smooth(depth_mm: FloatArray, aside_mm: FloatArray | None, dt_s: float, ramp: int) -> Motion:
+def _dynamic_motion(
+    depth_mm: FloatArray, aside_mm: FloatArray | None, dt_s: float, ramp: int
+) -> Motion:
     """One step for where inertia counts: a smooth ramp, and more than a time a sample."""
     share = 0.5 * (1 - np.cos(np.pi * np.arange(ramp) / SMOOTH_RAMP))
-    way_mm = np.concatenate([share * depth_mm[0], depth_mm[:1]])
-    fine_mm = np.concatenate([_finer(way_mm)[:-1], _finer(depth_mm)])
+    ramp_mm = np.concatenate([share * depth_mm[0], depth_mm[:1]])
+    fine_mm = np.concatenate([_halve_steps(ramp_mm)[:-1], _halve_steps(depth_mm)])
     if aside_mm is not None:
-        aside_mm = np.concatenate([np.zeros(SUBSTEPS * ramp), _finer(aside_mm)])
+        aside_mm = np.concatenate([np.zeros(SUBSTEPS * ramp), _halve_steps(aside_mm)])
     fine_s, count = dt_s / SUBSTEPS, len(fine_mm)
     time_s = np.arange(count, dtype=np.float64) * fine_s
     steps = (Phase("dynamic", fine_s, count - 1, SUBSTEPS),)
     return Motion(time_s, fine_mm, dt_s, SUBSTEPS * ramp, steps, aside_mm)
 
 
-def _finer(samples: FloatArray) -> FloatArray:
+def _halve_steps(samples: FloatArray) -> FloatArray:
     """Put a value between each two samples: on the cubic through the four around it.
 
     On a straight line between two samples the probe would change its speed at each.

@@ -89,10 +89,10 @@ def read_finger(preset_or_path: str) -> Finger:
         return PRESETS[preset_or_path]
     path = Path(preset_or_path)
     try:
-        there = path.is_file()
+        is_file = path.is_file()
     except OSError:  # a name that is too long
-        there = False
-    if not there:
+        is_file = False
+    if not is_file:
         raise UsageError(
             f"finger {preset_or_path!r}: neither a preset ({', '.join(PRESETS)}) nor a file"
         )
@@ -108,15 +108,15 @@ def finger_from(table: Mapping[str, Any], name: str) -> Finger:
     base = table.get("base", "quick")
     if not isinstance(base, str) or base not in PRESETS:
         raise FingerError(f"base {base!r}, expected one of {', '.join(PRESETS)}")
-    own = {key: value for key, value in table.items() if key != "base"}
-    return finger_with(replace(PRESETS[base], name=name), own)
+    overrides = {key: value for key, value in table.items() if key != "base"}
+    return finger_with(replace(PRESETS[base], name=name), overrides)
 
 
 def finger_with(finger: Finger, table: Mapping[str, Any]) -> Finger:
     """`finger` with what a TOML table says in place of its own."""
     for part, names in (("materials", LAYERS), ("afferents", SITES)):
-        there = table.get(part)
-        for key in there if isinstance(there, Mapping) else ():
+        section = table.get(part)
+        for key in section if isinstance(section, Mapping) else ():
             if key not in names:
                 raise FingerError(
                     f"{part}: unknown key {key!r}, expected {', '.join(names)}"
@@ -142,8 +142,8 @@ def finger_table(finger: Finger) -> dict[str, Any]:
     table = asdict(finger)
     for layer, material in table["materials"].items():
         material["prony"] = list(material["prony"])
-        for key, usual in (("prony", []), ("density_kg_m3", TABLE_1[layer].density_kg_m3)):
-            if material[key] == usual:
+        for key, default in (("prony", []), ("density_kg_m3", TABLE_1[layer].density_kg_m3)):
+            if material[key] == default:
                 del material[key]
     return table
 

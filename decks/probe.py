@@ -24,10 +24,10 @@ _INNER_SHARE = 0.7
 # Of a punch's edges; of a narrow punch a share of its width.
 _FILLET_MM = 0.1
 _FILLET_SHARE = 0.25
-_LEAST_FILLET_MM = 0.001
+_MIN_FILLET_MM = 0.001
 _FILLET_SEGMENTS = 16
 # A flat side narrower than this is none.
-_NO_WIDTH_MM = 1e-6
+_MIN_FLAT_MM = 1e-6
 _SAME_HEIGHT_MM = 1e-6
 _DIGITS = 9
 
@@ -58,11 +58,13 @@ class Probe(Ranged):
             widest_mm = _FILLET_SHARE * self.diameter_mm if self.shape == "flat" else _FILLET_MM
             object.__setattr__(self, "fillet_mm", min(_FILLET_MM, widest_mm))
         Ranged.__post_init__(self)
-        sound = self.fillet_mm == 0 or _LEAST_FILLET_MM <= self.fillet_mm <= 0.5 * self.diameter_mm
-        if self.shape == "flat" and not sound:
+        fillet_fits = (
+            self.fillet_mm == 0 or _MIN_FILLET_MM <= self.fillet_mm <= 0.5 * self.diameter_mm
+        )
+        if self.shape == "flat" and not fillet_fits:
             raise FingerError(
                 f"fillet {self.fillet_mm:g} mm, expected 0 (a sharp edge) or from "
-                f"{_LEAST_FILLET_MM:g} mm to half the width, {0.5 * self.diameter_mm:g} mm"
+                f"{_MIN_FILLET_MM:g} mm to half the width, {0.5 * self.diameter_mm:g} mm"
             )
 
     def lower_side(self) -> FloatArray:
@@ -76,7 +78,7 @@ class Probe(Ranged):
             return np.round(points, _DIGITS) + 0.0
         half_flat_mm = radius_mm - self.fillet_mm
         floor = np.zeros((1, 2))
-        if half_flat_mm > _NO_WIDTH_MM:
+        if half_flat_mm > _MIN_FLAT_MM:
             count = 2 * max(1, round(half_flat_mm / _SEGMENT_MM))
             flat_mm = np.linspace(-half_flat_mm, half_flat_mm, count + 1)
             floor = np.stack([flat_mm, np.zeros_like(flat_mm)], -1)
@@ -110,7 +112,7 @@ class ProbeMesh:
 
 
 def mesh_probe(
-    probe: Probe, skin: Mesh, way_mm: tuple[float, float] = (0.0, 0.0)
+    probe: Probe, skin: Mesh, travel_mm: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[ProbeMesh, int]:
     """Mesh `probe` at first touch of `skin`, and the row of the node that it touches.
 
@@ -125,10 +127,10 @@ def mesh_probe(
     outer = probe.lower_side() + np.array([probe.x_mm, 0.0])
     pad = skin.pad()
     pad_mm = skin.node_mm[pad]
-    first_mm, last_mm = outer[0, 0] + way_mm[0], outer[-1, 0] + way_mm[1]
-    if first_mm < pad_mm[0, 0] or last_mm > pad_mm[-1, 0]:
+    left_mm, right_mm = outer[0, 0] + travel_mm[0], outer[-1, 0] + travel_mm[1]
+    if left_mm < pad_mm[0, 0] or right_mm > pad_mm[-1, 0]:
         raise FingerError(
-            f"the probe spans x = {first_mm:g} to {last_mm:g} mm, expected inside the "
+            f"the probe spans x = {left_mm:g} to {right_mm:g} mm, expected inside the "
             f"pad, {pad_mm[0, 0]:g} to {pad_mm[-1, 0]:g} mm"
         )
     over_skin_mm = outer[:, 1] - np.interp(outer[:, 0], pad_mm[:, 0], pad_mm[:, 1])
@@ -141,7 +143,7 @@ def mesh_probe(
     quad = np.stack([left, left + 1, left + 1 + count, left + count], -1)
     node_mm = np.concatenate([outer, middle + _INNER_SHARE * (outer - middle)])
     node_mm[:, 1] -= lowest_mm
-    aside_mm = np.abs(pad_mm[:, 0] - 0.5 * (outer[0, 0] + outer[-1, 0]))
+    offset_mm = np.abs(pad_mm[:, 0] - 0.5 * (outer[0, 0] + outer[-1, 0]))
     if np.isfinite(gap_mm).any():
-        aside_mm[gap_mm > gap_mm.min() + _SAME_HEIGHT_MM] = np.inf
-    return ProbeMesh(np.round(node_mm, _DIGITS) + 0.0, quad), int(pad[aside_mm.argmin()])
+        offset_mm[gap_mm > gap_mm.min() + _SAME_HEIGHT_MM] = np.inf
+    return ProbeMesh(np.round(node_mm, _DIGITS) + 0.0, quad), int(pad[offset_mm.argmin()])

@@ -36,8 +36,8 @@ class UnitSystem:
 MM = UnitSystem("MM_TON_S_C", "mm", "MPa", 1.0, 1.0e6)
 # Those that PrePoMax writes; its UNIT_LESS and Undefined say nothing.
 UNIT_SYSTEMS = {
-    one.name: one
-    for one in (
+    system.name: system
+    for system in (
         MM,
         UnitSystem("M_TON_S_C", "m", "kPa", 1000.0, 1.0e3, force_n=1.0e3),
         UnitSystem("M_KG_S_C", "m", "Pa", 1000.0, 1.0),
@@ -51,5 +51,5 @@ LENGTH_UNITS = {"mm": MM, "m": UNIT_SYSTEMS["M_KG_S_C"], "in": UNIT_SYSTEMS["IN_
 
 def unit_system_in(heading: str) -> UnitSystem | None:
     """The unit system that a heading names; None where it names none that is known."""
-    found = _NAMED.search(heading)
-    return None if found is None else UNIT_SYSTEMS.get(found[1].upper())
+    match = _NAMED.search(heading)
+    return None if match is None else UNIT_SYSTEMS.get(match[1].upper())

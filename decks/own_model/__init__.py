@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from decks.dialects import INCREMENTS, RESULTS
-from decks.inp import squeezed
+from decks.inp import normalized_name
 from decks.motion import Motion
 from decks.unit_system import LENGTH_UNITS, MM, UnitSystem
 from fembridge.errors import DeckError, UsageError
@@ -56,13 +56,13 @@ class Request:
     all_nodes: bool = False
 
     def __post_init__(self) -> None:
-        for name, known in (
+        for name, choices in (
             ("length_unit", (None, *LENGTH_UNITS)),
             ("results", (None, *RESULTS)),
             ("increments", INCREMENTS),
         ):
-            if (word := getattr(self, name)) not in known:
-                raise UsageError(f"{name} {word!r}, expected {', '.join(filter(None, known))}")
+            if (value := getattr(self, name)) not in choices:
+                raise UsageError(f"{name} {value!r}, expected {', '.join(filter(None, choices))}")
         if self.move is not None and self.amplitude:
             raise UsageError("amplitude and move: one of them names the motion")
         if self.move is not None and not _MOVE.fullmatch(self.move):
@@ -79,9 +79,9 @@ class Request:
         """Set or node, axis and sign of `move`; sign 0 where it says none."""
         if self.move is None:
             return None
-        what, degree = self.move.rsplit(",", 1)
+        target, degree = self.move.rsplit(",", 1)
         sign = {"-": -1, "+": 1}.get(degree.strip()[0], 0)
-        return squeezed(what), abs(int(degree)), sign
+        return normalized_name(target), abs(int(degree)), sign
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,23 +112,23 @@ class Edit(NamedTuple):
     new: bytes = b""
 
 
-def edited(data: bytes, edits: Iterable[Edit]) -> bytes:
+def apply_edits(data: bytes, edits: Iterable[Edit]) -> bytes:
     """`data` with all `edits`; those at one place in the order they are given in."""
-    pieces, done = [], 0
+    pieces, end = [], 0
     for edit in sorted(edits, key=lambda edit: edit[:2]):
-        pieces += [data[done : edit.start], edit.new]
-        done = edit.stop
-    return b"".join([*pieces, data[done:]])
+        pieces += [data[end : edit.start], edit.new]
+        end = edit.stop
+    return b"".join([*pieces, data[end:]])
 
 
-def too_far(motion: Motion, size_mm: float, units: UnitSystem, by_heading: bool) -> list[str]:
+def size_warnings(motion: Motion, size_mm: float, units: UnitSystem, by_heading: bool) -> list[str]:
     """A remark where a waveform or a model is of no size that both can have."""
     reach_mm = float(motion.depth_mm.max() - motion.depth_mm.min())
     if size_mm > 0 and reach_mm > size_mm:
-        found = f"the waveform moves {reach_mm:g} mm and the model is {size_mm:g} mm big"
+        finding = f"the waveform moves {reach_mm:g} mm and the model is {size_mm:g} mm big"
     elif size_mm > _BIG_MM:
-        found = f"the model is {size_mm / _BIG_MM:g} m big"
+        finding = f"the model is {size_mm / _BIG_MM:g} m big"
     else:
         return []
     hint = "as its heading says" if by_heading else "--length-unit names it"
-    return [f"{found}: is its unit of length {units.length_unit}? ({hint})"]
+    return [f"{finding}: is its unit of length {units.length_unit}? ({hint})"]
