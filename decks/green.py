@@ -95,7 +95,7 @@ class Prism:
 
     @property
     def node_rows(self) -> IntArray:
-        """Rows of nodes whose displacements are wanted: skin, epidermis, top of the tissue."""
+        """Rows of nodes at which displacements are written: skin, epidermis, top of the tissue."""
         rows = [self.layer_rows(layer) for layer in self.watched_layers]
         return np.unique(np.concatenate([[0], *rows, *(layer_rows + 1 for layer_rows in rows)]))
 

@@ -61,7 +61,7 @@ class Text:
         return b"\r\n" if end > 0 and self.data[end - 1 : end] == b"\r" else b"\n"
 
     def location(self, line: int) -> str:
-        """A line, as an error names it."""
+        """File and number of a line, for an error."""
         return f"{self.name}, line {line}" if self.name else f"line {line}"
 
     def lines(self, start: int, stop: int) -> Iterator[tuple[int, int]]:
@@ -90,13 +90,13 @@ class Option:
 
     @property
     def normalized(self) -> str:
-        """The value as it is compared: in capitals and without blanks."""
+        """The value as solvers compare it: in capitals and without blanks."""
         return normalized_name(self.value or "")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Row:
-    """A data line that is no comment: its bytes, line end included, and its words."""
+    """A data line that is no comment: its bytes, line end included, and its fields."""
 
     text: Text
     line: int
@@ -106,11 +106,11 @@ class Row:
 
     @property
     def where(self) -> str:
-        """Its place, as an error names it."""
+        """File and line, for an error."""
         return self.text.location(self.line)
 
     def number(self, index: int, *, blank: float | None = None) -> float:
-        """The number at `index`; `blank` where there is none."""
+        """The number at `index`; `blank` if the field is empty."""
         packed = self._packed(index)
         if not packed and blank is not None:
             return blank
@@ -121,7 +121,7 @@ class Row:
         raise DeckError(f"{self.where}: {packed[:40]!r} where a number is expected")
 
     def integer(self, index: int, *, blank: int | None = None) -> int:
-        """The whole number at `index`; `blank` where there is none."""
+        """The integer at `index`; `blank` if the field is empty."""
         packed = self._packed(index)
         return blank if not packed and blank is not None else parse_integer(packed, self.where)
 
@@ -169,7 +169,7 @@ class Block:
 
     @property
     def where(self) -> str:
-        """The keyword's place, as an error names it."""
+        """File and line of the keyword, for an error."""
         return self.text.location(self.line)
 
     def option(self, name: str) -> Option | None:
@@ -187,7 +187,7 @@ class Block:
             yield from piece.rows(splits)
 
     def error(self, problem: str) -> DeckError:
-        """The error that says `problem` about this block."""
+        """A DeckError at this block."""
         return DeckError(f"{self.where}: {problem}")
 
 
@@ -228,7 +228,7 @@ def normalized_name(text: str) -> str:
 
 
 def parse_integer(text: str, where: str) -> int:
-    """The whole number that `word`, at `where`, is."""
+    """The integer in `text`; `where` is named in an error."""
     packed = "".join(text.split())
     if not (packed.isascii() and packed.isdigit() and len(packed) <= _MAX_DIGITS):
         raise DeckError(f"{where}: {text.strip()[:40]!r} where a whole number is expected")
@@ -241,9 +241,8 @@ def parse_integer(text: str, where: str) -> int:
 def read_inp(data: bytes, *, abaqus: bool = False, resolver: Resolver | None = None) -> Deck:
     """Read a deck and, by `resolver`, the files that it includes.
 
-    `abaqus`: by the rules of Abaqus, not of ccx. There are no bytes that this cannot
-    read: what is before the first keyword, or in no keyword's place, belongs to no block
-    or to the one before it.
+    `abaqus`: by the rules of Abaqus, not of ccx. All bytes are accepted: text
+    before the first keyword belongs to no block, other text to the block before it.
 
     Raises
     ------
@@ -256,7 +255,7 @@ def read_inp(data: bytes, *, abaqus: bool = False, resolver: Resolver | None = N
 
 
 def beside(path: Path) -> Resolver:
-    """What reads the files that the deck at `path` includes: by their names, beside it."""
+    """Resolver of included files: by name, in the folder of the deck at `path`."""
 
     def resolve(name: str) -> bytes | None:
         try:
@@ -268,7 +267,7 @@ def beside(path: Path) -> Resolver:
 
 
 class _Reader:
-    """Blocks as they come together, file by file."""
+    """Reader that collects blocks file by file."""
 
     def __init__(self, abaqus: bool, resolver: Resolver | None) -> None:
         self._abaqus, self._resolver = abaqus, resolver
@@ -395,7 +394,7 @@ def node_sets(deck: Deck) -> dict[str, list[range]]:
 
 
 def members(block: Block, sets: Mapping[str, list[range]]) -> Iterator[range]:
-    """Numbers that a block puts into its set; sets that it names are in `known`.
+    """Numbers that a block puts into its set; sets that it names are in `sets`.
 
     ``*NODE`` and ``*ELEMENT`` put in the number that each of their lines begins with.
     """
@@ -419,7 +418,7 @@ def members(block: Block, sets: Mapping[str, list[range]]) -> Iterator[range]:
 
 
 def _member(text: str, where: str) -> int:
-    """The number that `word` puts into a set; CalculiX takes ``5 3`` for 53, we do not."""
+    """The number in a field of a set; unlike CalculiX, ``5 3`` is not read as 53."""
     if len(text.split()) > 1:
         raise DeckError(f"{where}: {text.strip()[:40]!r}, expected one number between commas")
     return parse_integer(text, where)

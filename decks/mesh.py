@@ -19,7 +19,7 @@ from fembridge.typing import BoolArray, FloatArray, IntArray
 # between processors, above what matters.
 DIGITS = 9
 MIN_SCALED_JACOBIAN = 0.3
-# What NumPy raises on a file that is no whole archive of arrays.
+# Exceptions of NumPy for a damaged archive of arrays.
 _DAMAGE = (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile, zlib.error)
 
 
@@ -27,8 +27,8 @@ _DAMAGE = (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFil
 class Mesh:
     """`node_mm` ``(N, 2)``, `quad` ``(E, 4)`` rows of nodes, `layer` ``(E,)``.
 
-    `layer` indexes `decks.finger.LAYERS`. Quads run counter-clockwise. One that is made
-    of a user's finger is `checked`; a stored one was.
+    `layer` indexes `decks.finger.LAYERS`. Quads run counter-clockwise. The mesh of a user's
+    finger is `checked` when it is made; stored meshes have been checked.
     """
 
     node_mm: FloatArray
@@ -55,7 +55,7 @@ class Mesh:
         return nodes, np.repeat(np.arange(count), 4), np.tile(np.arange(4), count)
 
     def outline(self) -> tuple[IntArray, IntArray, IntArray]:
-        """The edges that one element alone has, as `edges` does."""
+        """Edges that belong to one element only, in the form of `edges`."""
         nodes, element, face = self.edges()
         key = nodes.min(axis=1) * len(self.node_mm) + nodes.max(axis=1)
         _, first, count = np.unique(key, return_index=True, return_counts=True)
@@ -116,7 +116,7 @@ class Mesh:
         Raises
         ------
         FingerError
-            A quad that is clockwise, folded or too skewed; another sum.
+            A quad is clockwise, folded or too skewed, or the sum is not 1.
         """
         worst = scaled_jacobian(self.node_mm, self.quad)
         row = int(worst.argmin())
@@ -152,7 +152,7 @@ def read_mesh(path: Path) -> Mesh:
     Raises
     ------
     FingerError
-        There is none, or it is damaged.
+        The file is missing or damaged.
     """
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
@@ -181,7 +181,7 @@ def scaled_jacobian(node_mm: FloatArray, quad: IntArray) -> FloatArray:
 
 
 def refined(mesh: Mesh, center_mm: tuple[float, float], radius_mm: float) -> Mesh:
-    """Cut in three what has a node within `radius_mm` of the point `at_mm`.
+    """Elements with a node within `radius_mm` of `center_mm` cut in three both ways.
 
     Raises
     ------

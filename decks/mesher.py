@@ -26,7 +26,7 @@ from decks.mesh import DIGITS, MIN_SCALED_JACOBIAN, Mesh, scaled_jacobian
 from decks.section import Section, section_of
 from fembridge.errors import FingerError, MissingError
 
-# More than a solver can take in a day, and than gmsh makes in minutes.
+# More would take a solver more than a day, and gmsh more than minutes.
 MAX_ELEMENTS = 200_000
 
 # Where the free quads come out too skewed, other widths far from the probe often
@@ -45,11 +45,11 @@ _BONE_SAMPLES = 200
 _CLEARANCE_MM = 0.03
 # Growth of neighbouring columns beyond the ridges.
 _GROWTH = 1.12
-# Closer to x = 0 than this is on it.
+# Tolerance for nodes on x = 0.
 _ON_AXIS_MM = 1e-7
 # A node that moves less than this share of its shortest edge folds nothing.
 _SINGLE_NODE_SHARE = 0.45
-# A longer way fades out over this many times its length.
+# A longer shift fades out over this many times its length.
 _REACH_FACTOR = 6.0
 SYSTEM_PACKAGES = "libglu1-mesa libgl1 libxcursor1 libxft2 libxinerama1 libgomp1"
 
@@ -117,7 +117,7 @@ def _rows(finger: Finger) -> tuple[int, int, int]:
 
 
 def _collect(gmsh: Any, surfaces: Sequence[Surface]) -> Mesh:  # noqa: ANN401 - untyped
-    """What gmsh made of the right half: the elements of its surfaces, counter-clockwise."""
+    """The mesh that gmsh made of the right half, with counter-clockwise elements."""
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     row_of = np.full(int(max(tags)) + 1, -1, dtype=np.int64)
     row_of[tags.astype(np.int64)] = np.arange(len(tags))
@@ -290,7 +290,7 @@ def snapped(half: Mesh, sites: Iterable[AfferentSite]) -> Mesh:
 
 
 def _with_node_at(half: Mesh, site: AfferentSite, used_rows: list[int]) -> tuple[Mesh, int] | None:
-    """`half` with a node on the site, none of those `taken`, and its row; None: it cannot be."""
+    """`half` with a node moved onto the site, not one of `used_rows`, and its row; else None."""
     in_layer = half.in_layer(site.layer)
     inner = np.setdiff1d(half.quad[in_layer], half.quad[~in_layer])
     target_mm = np.array([abs(site.x_mm), -site.depth_mm])

@@ -1,10 +1,9 @@
-"""The probe's way into the skin, increment by increment, and what leads up to it.
+"""The motion of the probe, increment by increment, with the approach to the pre-indentation.
 
-Stress that depends on depth alone needs no more than equal increments of one step.
-Where the skin relaxes, the probe first takes its place: a static ramp, then a hold
-until nothing relaxes any more. Only then the waveform begins. Where inertia counts,
-the ramp is a smooth one in the same step, and increments are half a sample long:
-with whole ones force was off by an eighth, with half ones by a sixtieth (100 Hz).
+If stress depends on depth only, equal increments of one step suffice. If the skin relaxes,
+the probe is first ramped in statically and held until the skin has relaxed; then the waveform
+begins. With inertia, the ramp is smooth and in the same step, and increments are half a sample
+long: the error of the force was an eighth with whole samples and a sixtieth with half (100 Hz).
 """
 
 from dataclasses import dataclass
@@ -15,17 +14,17 @@ from fembridge.errors import DeckError
 from fembridge.stimulus import Stimulus
 from fembridge.typing import FloatArray
 
-# A pre-indentation is reached in this many increments before the stimulus.
+# Increments of the ramp to a pre-indentation.
 RAMP_INCREMENTS = 20
-# A hold has few long increments: backward Euler, by which solvers relax, leaves
-# 1/(1 + 5) of a branch in each of them, together 0.8 per thousand.
+# A hold has few long increments: solvers relax by backward Euler, which leaves 1/(1 + 5) of a
+# branch in each of them, after four 0.8 per thousand.
 HOLD_INCREMENTS = 4
 _HOLD_TIME_CONSTANTS = 5.0
-# Of a smooth ramp, in samples; and increments to a sample, where inertia counts.
+# With inertia: samples of the smooth ramp, and increments per sample.
 SMOOTH_RAMP = 40
 SUBSTEPS = 2
 _MM_PER_UM = 1.0e-3
-# Depths are written to a picometre.
+# Tolerance: depths are written to a picometre.
 _SAME_UM = 1.0e-6
 _S_PER_MS = 1.0e-3
 
@@ -34,8 +33,8 @@ _S_PER_MS = 1.0e-3
 class Phase:
     """A step of the solver: equal increments of `dt_s`.
 
-    `procedure` is ``static``, ``viscous`` or ``dynamic``. Every so many increments, `every`, are
-    a sample, and written.
+    `procedure` is ``static``, ``viscous`` or ``dynamic``. A sample is `every` increments long;
+    results are written at each sample.
     """
 
     procedure: str
@@ -46,13 +45,12 @@ class Phase:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """The probe's way into the skin: `depth_mm` ``(T,)`` at `time_s` ``(T,)``.
+    """The motion of the probe: `depth_mm` ``(T,)`` at the solver times `time_s` ``(T,)``.
 
-    The solver takes the increments of `phases`, one a time; `ramp` of them lie before
-    the stimulus and lead to its pre-indentation. From there on a sample of the
-    stimulus comes every `dt_s`, an increment or two of the last phase. Someone's own deck
-    has its own steps, and takes no phases. `aside_mm` ``(T,)`` is the way along x, None where
-    there is none.
+    `phases` are the solver's steps, with one increment for each interval of `time_s`. The first
+    `ramp` increments lead to the pre-indentation; then samples of the stimulus follow every
+    `dt_s`, one or two increments of the last phase each. A base deck has its own steps and
+    ignores `phases`. `aside_mm` ``(T,)`` is the displacement along x, None without sliding.
     """
 
     time_s: FloatArray
@@ -74,10 +72,10 @@ class Motion:
 
 
 def motion_of(stimulus: Stimulus, procedure: str = "static", relaxing_s: float = 0.0) -> Motion:
-    """Put the way to the pre-indentation in front of `stimulus`.
+    """The motion of `stimulus`, with the approach to its pre-indentation before it.
 
-    `relaxing_s` is the longest time constant of the skin, 0 where none relaxes: the
-    probe is held at the pre-indentation until that is over.
+    `relaxing_s` is the longest time constant of the skin in s, 0 without relaxation; the probe
+    is held at the pre-indentation for five of these times.
 
     Raises
     ------
@@ -124,7 +122,7 @@ def motion_of(stimulus: Stimulus, procedure: str = "static", relaxing_s: float =
 def _dynamic_motion(
     depth_mm: FloatArray, aside_mm: FloatArray | None, dt_s: float, ramp: int
 ) -> Motion:
-    """One step for where inertia counts: a smooth ramp, and more than a time a sample."""
+    """One dynamic step: a smooth ramp, then the waveform, in increments of half a sample."""
     share = 0.5 * (1 - np.cos(np.pi * np.arange(ramp) / SMOOTH_RAMP))
     ramp_mm = np.concatenate([share * depth_mm[0], depth_mm[:1]])
     fine_mm = np.concatenate([_halve_steps(ramp_mm)[:-1], _halve_steps(depth_mm)])
@@ -137,10 +135,10 @@ def _dynamic_motion(
 
 
 def _halve_steps(samples: FloatArray) -> FloatArray:
-    """Put a value between each two samples: on the cubic through the four around it.
+    """Samples at half the time step: each new one is on the cubic through four neighbours.
 
-    On a straight line between two samples the probe would change its speed at each.
-    Beyond the ends the samples are taken to go straight on.
+    Linear interpolation would change the speed of the probe at each sample. Beyond both ends
+    the samples are extrapolated linearly.
     """
     if len(samples) == 1:
         return samples

@@ -1,7 +1,7 @@
 """The probe: a rigid body of quadrilaterals whose every node has the same motion.
 
-Its lower side is a polyline, fine beside the skin's elements; towards the inside
-a single row of quads gives it a surface that a solver can find.
+Its lower side is a polyline, fine compared with the elements of the skin; a single row of
+quads behind it gives it a surface for the contact search of a solver.
 """
 
 from dataclasses import dataclass
@@ -16,17 +16,17 @@ from fembridge.typing import FloatArray, IntArray
 
 SHAPES = ("cylinder", "flat")
 
-# A cylinder is meshed this far to both sides of its lowest point.
+# A cylinder is meshed up to this angle to both sides of its lowest point.
 _HALF_OPENING_DEG = 80.0
 _MIN_SEGMENTS = 64
 _SEGMENT_MM = 0.02
 _INNER_SHARE = 0.7
-# Of a punch's edges; of a narrow punch a share of its width.
+# Radius at the edges of a punch; a share of the width if the punch is narrow.
 _FILLET_MM = 0.1
 _FILLET_SHARE = 0.25
 _MIN_FILLET_MM = 0.001
 _FILLET_SEGMENTS = 16
-# A flat side narrower than this is none.
+# A narrower flat side is omitted.
 _MIN_FLAT_MM = 1e-6
 _SAME_HEIGHT_MM = 1e-6
 _DIGITS = 9
@@ -37,8 +37,8 @@ class Probe(Ranged):
     """A cylinder of `diameter_mm`, or a flat punch of that width.
 
     `fillet_mm` rounds the punch's edges (a sharp edge has no finite stress under it);
-    unless it is given it is 0.1, or a quarter of a narrow punch's width. `x_mm` is where
-    the probe's middle stands. 1 mm: the indentor of Ishizuka et al., section 3.2.
+    the default is 0.1, or a quarter of the width of a narrow punch. `x_mm` is the position of
+    the middle of the probe. 1 mm: the indentor of Ishizuka et al., section 3.2.
     """
 
     shape: str = "cylinder"
@@ -90,14 +90,14 @@ class Probe(Ranged):
 
 
 def _arc(radius_mm: float, angle: FloatArray) -> FloatArray:
-    """Points of a circle that stands on the origin, at angles from there."""
+    """Points of a circle that touches the origin from above, at angles from there."""
     points: FloatArray = radius_mm * np.stack([np.sin(angle), 1 - np.cos(angle)], -1)
     return points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProbeMesh:
-    """`node_mm` ``(P, 2)`` and `quad` ``(Q, 4)``; face 0 of each quad is the skin's.
+    """`node_mm` ``(P, 2)`` and `quad` ``(Q, 4)``; face 0 of each quad faces the skin.
 
     The first ``Q + 1`` nodes are those of the lower side, from left to right.
     """
@@ -114,15 +114,16 @@ class ProbeMesh:
 def mesh_probe(
     probe: Probe, skin: Mesh, travel_mm: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[ProbeMesh, int]:
-    """Mesh `probe` at first touch of `skin`, and the row of the node that it touches.
+    """Mesh of `probe` at first touch of `skin`, and the row of the node that it touches.
 
-    Of several nodes at the same height, as under a flat punch, that is the one nearest
-    the probe's middle; where no node is under a narrow probe, the nearest one.
+    Of several nodes at the same height, as under a flat punch, the node nearest to the middle
+    of the probe is taken; if no node is under a narrow probe, the nearest node.
 
     Raises
     ------
     FingerError
-        The probe stands beside the pad, or comes there on its way along x, `way_mm`.
+        The probe reaches beyond the pad, at its position or within its travel along x,
+        `travel_mm`.
     """
     outer = probe.lower_side() + np.array([probe.x_mm, 0.0])
     pad = skin.pad()

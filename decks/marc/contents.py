@@ -1,8 +1,8 @@
-"""What a Marc deck holds: mesh, sets, materials, tables, conditions, contact, load cases.
+"""Contents of a Marc deck: mesh, sets, materials, tables, conditions, contact, load cases.
 
-`read_marc_deck` reads mesh and tables at once, since their counts show whether the deck
-is whole; the methods of `MarcDeck` read the rest when they are asked. Numbers are in the
-deck's own units. `describe_marc_deck` is all of it in words and counts.
+`read_marc_deck` reads mesh and tables immediately, since their counts show whether the deck
+is complete; the methods of `MarcDeck` read the rest on demand. Numbers are in the
+deck's own units. `describe_marc_deck` summarises all of it.
 """
 
 import re
@@ -116,7 +116,7 @@ class Coordinates:
     line: Line | None
 
     def position_of(self, node: int) -> FloatArray | None:
-        """Where a node lies ``(d,)``; None when it has no place."""
+        """Position of a node ``(d,)``; None if it has no coordinates."""
         rows = np.flatnonzero(self.number == node)
         if not rows.size:
             return None
@@ -168,7 +168,7 @@ class Isotropic:
 class Condition:
     """A boundary or initial condition: a value, its table (0 for none), its direction.
 
-    Directions are degrees of freedom from 1, 0 but of fixed displacements. `where` is the
+    Directions are degrees of freedom from 1, 0 but of fixed displacements. `set_name` is the
     set it acts on; `line` holds the values.
     """
 
@@ -281,7 +281,7 @@ class MarcDeck:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a user should know about the deck."""
+        """Remarks on the deck for the user."""
         if self.sizes is None or self.element_count == self.sizes[0]:
             return ()
         return (f"{self.element_count} elements, while `sizing` has room for {self.sizes[0]}",)
@@ -356,9 +356,9 @@ def read_marc_deck(data: bytes) -> MarcDeck:
 
 
 def describe_marc_deck(path: Path) -> Table:
-    """What the deck at `path` holds.
+    """Contents of the deck at `path`, as a table.
 
-    What cannot be read of it is in ``remarks``, with its line.
+    Parts that cannot be read are listed in ``remarks``, with their line.
     """
     data = read_bytes(path, MAX_DECK_BYTES, DeckError)
     try:
@@ -436,7 +436,7 @@ def describe_marc_deck(path: Path) -> Table:
 def _read_all(
     options: Iterable[Option], read: Callable[[Option], Iterable[_Value]]
 ) -> list[_Value]:
-    """What all `options` hold; one in which something is not where it should be is refused."""
+    """Values of all `options`; a malformed option is refused."""
     values = list[_Value]()
     for option in options:
         with _shape_errors(option):
@@ -446,7 +446,7 @@ def _read_all(
 
 @contextmanager
 def _shape_errors(option: Option) -> Iterator[None]:
-    """One refusal for an option in which something is not where it should be."""
+    """One error for any malformed entry of an option."""
     try:
         yield
     except (IndexError, ValueError):

@@ -194,7 +194,7 @@ class Line(NamedTuple):
 
     @property
     def location(self) -> str:
-        """Its number, as an error names it."""
+        """Its number, for an error."""
         return f"line {self.number}"
 
     def error(self, problem: str) -> DeckError:
@@ -325,7 +325,7 @@ CONDITIONS = names(_CONDITIONS)
 
 
 def significant(text: str) -> str:
-    """What Marc knows a keyword by: ten characters, up to the first comma, in lower case."""
+    """The significant part of a keyword: ten characters, up to the first comma, in lower case."""
     return text.partition(",")[0].expandtabs(8)[:_SIGNIFICANT].rstrip().lower()
 
 
@@ -336,7 +336,7 @@ _NAMES = {significant(name): name for name in (*KNOWN_OPTIONS, *CONDITIONS, *nam
 
 
 class Section(Enum):
-    """The part of a deck that an option stands in."""
+    """The part of a deck that contains an option."""
 
     PARAMETER = "parameter"
     MODEL = "model definition"
@@ -588,7 +588,9 @@ class _Reader:
         if line.comment:
             self.lines.append(line)
         elif _INCLUDE.match(line.text):
-            raise line.error("an included file is not read; put its lines in the place of this one")
+            raise line.error(
+                "an included file is not read; replace this line by the lines of that file"
+            )
         elif line.lettered and self._opens(line):
             self.close()
             keyword = significant(line.text)
@@ -632,7 +634,7 @@ def _more_conditions_follow(rows: Sequence[Line]) -> bool:
 
 
 def _missing_keyword(options: Sequence[Option]) -> str | None:
-    """The keyword that is missing where a deck ends."""
+    """The keyword that is missing at the end of a deck; None if the deck is complete."""
     last = options[-1]
     if last.section is Section.PARAMETER:
         return None if last.keyword == _END and _is_root(options) else _END_OPTION

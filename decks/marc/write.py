@@ -135,7 +135,7 @@ def _part(section: ElementSet, kind: int, body: int, mesh_nodes: int) -> dict[st
         raise DeckError(
             f"{section.name} is {section.law}: a Marc deck of it cannot be written "
             "with certainty, since no deck with that material and a known meaning "
-            "of its numbers was at hand; expected linear"
+            "of its numbers was available; expected linear"
         )
     node, note = section.node, ""
     if kind in _WITH_PRESSURE:

@@ -1,6 +1,6 @@
-"""A user's own deck, kept to the byte but for waveform, increments and output.
+"""A base deck: kept to the byte except for waveform, increments and output.
 
-Here is what is wanted of it, and what came of it; `inp` and `marc` are the two languages.
+This module has the request and the result; `inp` and `marc` edit the two kinds of deck.
 """
 
 import re
@@ -20,7 +20,7 @@ _BIG_MM = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What is wanted of an own deck.
+    """A request for changes of a base deck.
 
     Parameters
     ----------
@@ -86,13 +86,13 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Rebased:
-    """An own deck with the waveform in it.
+    """A base deck that contains the waveform.
 
-    `remarks` say what was chosen and changed, each with its line. `place_mm` is
-    the undeformed (x, y) of each afferent's node, of a solid model (x, y, z). `needs` are
-    the files that the deck includes, by the relative names it gives them. `before_s` is
-    the solver's time at which the waveform begins: that of the steps before it.
-    `stands_mm` is how deep the probe stands by then. `units` are the deck's.
+    `remarks` describe each choice and change, with its line. `place_mm` is the undeformed
+    position of each afferent's node, (x, y) or, in a solid model, (x, y, z). `needs` are the
+    relative names of the files that the deck includes. `before_s` is the solver time at which
+    the waveform begins, after the earlier steps, and `stands_mm` the depth of the probe at that
+    time. `units` are those of the deck.
     """
 
     deck: bytes
@@ -105,7 +105,7 @@ class Rebased:
 
 
 class Edit(NamedTuple):
-    """`new` in the place of a deck's bytes from `start` to `stop`."""
+    """A replacement of the bytes of a deck from `start` to `stop` by `new`."""
 
     start: int
     stop: int
@@ -113,7 +113,7 @@ class Edit(NamedTuple):
 
 
 def apply_edits(data: bytes, edits: Iterable[Edit]) -> bytes:
-    """`data` with all `edits`; those at one place in the order they are given in."""
+    """`data` with all `edits` applied; edits at the same byte keep their order."""
     pieces, end = [], 0
     for edit in sorted(edits, key=lambda edit: edit[:2]):
         pieces += [data[end : edit.start], edit.new]
@@ -122,7 +122,7 @@ def apply_edits(data: bytes, edits: Iterable[Edit]) -> bytes:
 
 
 def size_warnings(motion: Motion, size_mm: float, units: UnitSystem, by_heading: bool) -> list[str]:
-    """A remark where a waveform or a model is of no size that both can have."""
+    """A warning if the waveform is larger than the model, or the model is implausibly large."""
     reach_mm = float(motion.depth_mm.max() - motion.depth_mm.min())
     if size_mm > 0 and reach_mm > size_mm:
         finding = f"the waveform moves {reach_mm:g} mm and the model is {size_mm:g} mm big"

@@ -1,9 +1,9 @@
-"""A user's own keyword deck with another waveform: all but three places is kept.
+"""A base deck with keywords (``.inp``) and a new waveform: edits in three places.
 
-The data of the amplitude that moves the probe, the increments of the step that it
-moves in, and the output of that step are put in; all else keeps its bytes, comments,
-case and line ends included. A probe without such an amplitude gets one. What is missing
-or can be meant in two ways is refused, with its line.
+The data of the amplitude that moves the probe, the increments of the step in which it moves,
+and the output requests of that step are replaced; all other bytes are kept, comments, case
+and line ends included. A probe without such an amplitude gets one. A missing or ambiguous
+entry is refused, with its line.
 
 In Abaqus a node's number counts in its part alone, the part stands where its instance
 puts it, and a set of the assembly names its instance. A deck without parts has all its
@@ -79,9 +79,9 @@ _Members = Mapping[str, list[int]]
 
 @dataclass(frozen=True, slots=True)
 class NodePosition:
-    """A node `at` (x, y), in a solid model (x, y, z), in the deck's unit.
+    """A node and its position, (x, y) or, in a solid model, (x, y, z), in the deck's unit.
 
-    `instance` is "" without instances.
+    `instance` is "" in a deck without instances.
     """
 
     node: int
@@ -222,7 +222,7 @@ def solver_of(data: bytes) -> str:
 
 
 class _DeckEditor:
-    """What is changed of a deck, for `abaqus` or ccx: `edits`, and `remarks` on them, grow."""
+    """Editor of a deck for Abaqus or ccx: collects `edits` and `remarks`."""
 
     def __init__(
         self, deck: Deck, drive: Drive, motion: Motion, request: Request, abaqus: bool
@@ -233,7 +233,7 @@ class _DeckEditor:
         self.remarks = list[str]()
 
     def remark(self, source: Block | Push, message: str) -> None:
-        """Say what was chosen or changed at a place."""
+        """Add a remark with the line of `source`."""
         self.remarks.append(f"{source.where}: {message}")
 
     # ---- The waveform: an amplitude that counts total time begins where the step does.
@@ -264,7 +264,7 @@ class _DeckEditor:
             rows = list(curve.rows())
             self._replace_rows(curve, rows, lines)
             clock = "total time" if drive.total_time else "step time"
-            message = f"amplitude {curve.value_of('NAME')} ({clock}) {samples} in place of"
+            message = f"amplitude {curve.value_of('NAME')} ({clock}) {samples}, replacing"
             self.remark(curve, f"{message} {len(rows)} data lines")
             if drive.step.number == 1 and rows and (began := rows[0].number(1, blank=0.0)):
                 message = f"it began at {began:g}; the waveform begins where the mesh has the probe"
@@ -440,7 +440,7 @@ class _DeckEditor:
     # set that is defined again.
 
     def write_output(self, scopes: list[Scope], positions: Mapping[str, NodePosition]) -> None:
-        """What is to be written at `places`, or at all nodes."""
+        """Request results at `positions`, or at all nodes."""
         on_set = bool(positions) and not self.request.all_nodes
         nodes_text = f"the nodes of {', '.join(positions)}" if on_set else "all nodes"
         if positions:
@@ -459,7 +459,7 @@ class _DeckEditor:
                     self._edit(row.text, row.start, row.stop)
             self._insert(step.end.text, step.end.start, lines)
             removed = ", ".join(f"{block.title} ({block.where})" for block in removed_blocks)
-            replaced = f", in place of {removed}" if removed else ""
+            replaced = f", replacing {removed}" if removed else ""
             self.remark(step.end, f"U and S at {nodes_text}, {times}{replaced}")
 
     # ---- CalculiX: the last request decides how often and whether binary, for all of them, so
@@ -574,7 +574,7 @@ class _DeckEditor:
     # ---- Edits
 
     def _edit(self, text: Text, start: int, stop: int, new: bytes = b"") -> None:
-        """`new` in the place of the deck's bytes; of a file that it includes none is changed."""
+        """Replace bytes of the deck by `new`; a change of an included file is refused."""
         if text.name:
             line = text.data.count(b"\n", 0, start) + 1
             raise DeckError(
@@ -615,7 +615,7 @@ class _DeckEditor:
         self._edit(block.text, comma, option.stop)
 
     def _set_option(self, block: Block, option: Option | None, new: str) -> None:
-        """`new` in the place of an option of the keyword line, or behind the last one."""
+        """Replace an option of the keyword line by `new`, or append it."""
         if option is not None:
             self._edit(block.text, option.start, option.stop, new.encode())
             return
@@ -643,7 +643,7 @@ def _abaqus_requests(step: Step) -> list[Block]:
 
 
 def _set_has_members(blocks: list[Block], required: _Members) -> bool:
-    """Whether a set holds just that; not where that takes more than reading."""
+    """Whether a set has exactly the `required` members; False if it cannot be read."""
     expected = {
         (normalized_name(name), number) for name, numbers in required.items() for number in numbers
     }
@@ -779,7 +779,7 @@ def _nodes_in(scope: Scope, nodes: list[int], axes: int) -> dict[int, NodePositi
     if positions and (moved or scope.rotated):
         raise DeckError(
             f"{(moved or [scope.rotated])[0]}: rotates or moves the nodes of "
-            f"{scope.instance or 'the deck'}, and where they come to lie is not worked out; "
+            f"{scope.instance or 'the deck'}, and their position is not computed; "
             "write them in global coordinates"
         )
     return positions

@@ -1,4 +1,4 @@
-"""What of a keyword deck becomes the waveform: which displacement, in which step, from where.
+"""The displacement of a keyword deck that becomes the waveform, its step and start depth.
 
     *BOUNDARY, AMPLITUDE=PRESS
     PROBE, 2, 2, -0.05
@@ -8,8 +8,8 @@ amplitude is the depth divided by the magnitude's size. Its sign, which says whe
 the skin is, stays the user's. A displacement without an amplitude, which solvers ramp,
 or with one that other steps use too, gets an amplitude of its own.
 
-Depth counts from where the steps before have put the probe. What is missing, ambiguous or
-not to be kept is a DeckError with its line.
+Depth is measured from the position of the probe after the earlier steps. A missing, ambiguous
+or unusable entry is a DeckError with its line.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -114,10 +114,10 @@ class Push:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
-    """What becomes the waveform, and the step that it runs in.
+    """The displacements that become the waveform, and their step.
 
     `amplitude` is the deck's own for it, None where it gets one. `factor` is the size of
-    the magnitudes that it is multiplied by, `stands` the depth in the deck's unit at
+    the magnitudes that it is multiplied by, `start_depth` the depth in the deck's unit at
     which the step finds the probe. The step begins at `start_s` of total time; None where
     that is not known.
     """
@@ -206,7 +206,7 @@ def find_drive(deck: Deck, request: Request) -> Drive:
 
 
 def _amplitude_name(candidates: list[tuple[Step, Push]], request: Request) -> str:
-    """The amplitude that is asked for, or the only one that moves something; "" for none."""
+    """The requested amplitude, or the only one that moves something; "" if there is none."""
     amplitudes = {
         push.amplitude: push.block.where for _, push in reversed(candidates) if push.amplitude
     }
@@ -223,7 +223,7 @@ def _amplitude_name(candidates: list[tuple[Step, Push]], request: Request) -> st
 def _single_displacement(
     step: Step, matches: list[Push], candidates: list[tuple[Step, Push]], sign: int
 ) -> Push:
-    """The only displacement of `found`, in the direction `sign` where that is not 0."""
+    """The only displacement of `matches`, in the direction `sign` unless that is 0."""
     push = matches[-1]  # the last line counts
     if any(other.name != push.name for other in matches):
         raise step.head.error(
@@ -246,7 +246,7 @@ def _single_displacement(
 
 
 def _reusable_amplitude(deck: Deck, push: list[Push], start_s: float | None) -> Block | None:
-    """The deck's amplitude of `push`, where it can hold a waveform and moves nothing else."""
+    """The amplitude of `push`, if it can hold a waveform and has no other user; else None."""
     name, waveform_lines = push[0].amplitude, {line.where for line in push}
     for block in deck.blocks:
         if block.value_of("AMPLITUDE") == name and block.keyword != "STEP":
@@ -326,7 +326,7 @@ def _definition(deck: Deck, name: str) -> Block:
 def _select_step(
     steps: list[Step], candidates: list[Step], name: str, requested: str | None, *, use_last: bool
 ) -> Step:
-    """The step that is `wanted`, else the only one of `mine`, which have `name`, or the last."""
+    """The requested step, else the only one (or the last) of `candidates`, which move `name`."""
     candidates = list({step.number: step for step in candidates}.values())
     if requested is None:
         if len(candidates) > 1 and not use_last:
@@ -357,7 +357,7 @@ def _refuse_foreign(block: Block, name: str) -> None:
 
 
 def _magnitudes(block: Block, *, zero: bool = False) -> Iterator[Push]:
-    """What a ``*BOUNDARY`` moves, with `zero` also what it holds."""
+    """Displacements that a ``*BOUNDARY`` prescribes; with `zero`, also those of 0."""
     for row in block.rows():
         target, first, *_ = (*row.fields, "")
         if first.isascii() and first.isdigit():

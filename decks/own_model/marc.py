@@ -1,4 +1,4 @@
-"""An own Marc deck with the waveform in it; all else is kept to the byte.
+"""A Marc base deck with a new waveform; all other bytes are kept.
 
 Changed are: the points of one table; the increments of the load case it drives; the
 output request. The depth is put into the table so that what the table is multiplied by
@@ -58,8 +58,7 @@ def rebase_marc(data: bytes, motion: Motion, request: Request) -> Rebased:
     Raises
     ------
     DeckError
-        What is asked for is missing from the deck or could be several things; the
-        message names the lines.
+        A requested entry is missing or ambiguous; the message names the lines.
     """
     if request.move is not None or request.increments != "fixed" or request.all_nodes:
         raise DeckError(
@@ -90,10 +89,10 @@ def rebase_marc(data: bytes, motion: Motion, request: Request) -> Rebased:
 
 
 class _Use(NamedTuple):
-    """A place where a table is used: `value` times it is what `what` says.
+    """A use of a table: `value` times the table is the quantity `target`.
 
     `moves` says that this is a displacement; `condition` is the condition's name, empty
-    for what always acts, and `where` the set it acts on.
+    for a body, which always acts, and `set_name` the set it acts on.
 
     A fixed displacement and a rigid body under position control are their value times
     their table; |value| is the factor that turns the table into a depth. The sign is the
@@ -138,10 +137,11 @@ def _uses(deck: MarcDeck) -> Iterator[_Use]:
 
 
 class _DeckEditor:
-    """What of a deck is changed: a `table`, what it `drives`, and the load case `case`.
+    """Editor of a Marc deck: a `table`, its uses (`drives`), and the load case `case`.
 
-    `factor` turns the table into a depth; the load case starts at `start_s`, when the table
-    has come to `stands`, None where it moved nothing before. `edits` and `remarks` grow.
+    Depth is the table times `factor`. The load case starts at `start_s`, when the value of the
+    table is `start_value`; None if the table moved nothing before. The editor collects `edits`
+    and `remarks`.
     """
 
     def __init__(self, deck: MarcDeck, motion: Motion, request: Request) -> None:
@@ -186,7 +186,7 @@ class _DeckEditor:
         return f"load case {self.case.number}" + f" {self.case.name!r}" * bool(self.case.name)
 
     def _start_value(self) -> float | None:
-        """What the table has come to when the load case starts."""
+        """Value of the table when the load case starts; None if it moved nothing before."""
         if any(use.acts_in(item) for item in self.before for use in self.drives):
             assert self.table.points is not None
             return float(np.interp(self.start_s, *self.table.points.T))
@@ -333,7 +333,7 @@ class _DeckEditor:
         return [option.data[0] for option in options if option.case <= number and option.data]
 
     def _replace_line(self, line: Line, *texts: str) -> None:
-        """Put `texts`, each a line, in the place of `line`; none takes it out."""
+        """Replace `line` by the lines `texts`; without texts it is removed."""
         self._insert_before(line, *texts)
         self.edits[-1] = self.edits[-1]._replace(stop=line.stop)
 
@@ -345,7 +345,7 @@ class _DeckEditor:
 
 
 def _driving_table(deck: MarcDeck, name: str | None) -> tuple[MarcTable, list[_Use]]:
-    """The table that is named, or the only one that moves something, and its uses."""
+    """The table `name`, or the only one that moves something, and its uses."""
     uses = list(_uses(deck))
     if name is None:
         problem = "no table drives a fixed displacement or the position of a contact body"
@@ -389,7 +389,7 @@ def _list_tables(tables: Sequence[MarcTable]) -> str:
 def _select_case(
     cases: Sequence[LoadCase], requested: str | None, uses: Sequence[_Use]
 ) -> LoadCase:
-    """The load case that is wanted, or the only one in which there is motion."""
+    """The requested load case, or the only one with motion."""
     moving = [case for case in cases if case.stepping and any(use.acts_in(case) for use in uses)]
     if requested is not None:
         name = requested.strip().lower()
