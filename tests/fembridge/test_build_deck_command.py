@@ -78,7 +78,7 @@ def test_options_arrive_in_the_record_of_the_deck(here):
         (["--solver", "marc", "--contact", "surface-to-surface"], 2, "marc has no formulation"),
         (["--solver", "marc", "--element", "82"], 2, "marc has no element '82'"),
         (["--solver", "marc", "--frames", "5"], 2, "a deck for marc has results at all nodes"),
-        (["--inertia", "--frames", "5"], 2, "frames: 1 alone where inertia counts"),
+        (["--inertia", "--frames", "5"], 2, "frames"),
         (["--frames", "-1"], 2, "--frames: '-1', expected a whole number from 0"),
     ],
 )
