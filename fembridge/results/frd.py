@@ -1188,7 +1188,11 @@ class FrdSource(FieldSource[FrdBlock]):
                 message = f"{block} has node {nodes[~inside][0]}, which the mesh has not"
                 count = int((~inside).sum())
                 message += f", and {count - 1} more of them" * (count > 1)
-                self.options.refuse(message, self.path, noted=f"left out: {message}")
+                if self._must_be_in_mesh(block, nodes[~inside], before):
+                    self.options.refuse(message, self.path, noted=f"left out: {message}")
+                else:  # CalculiX: nodes of elements that *MODEL CHANGE removed, of a coil's domain
+                    self.options.note(message)
+                    inside[:] = True
             if (node := self._contradicted(block, nodes, values)) is not None:
                 self.options.refuse(f"{block} has two values at node {node}", self.path)
         if before is None or _CONTACT.match(block.name):
@@ -1204,6 +1208,21 @@ class FrdSource(FieldSource[FrdBlock]):
                 if self._changes <= _MOST_CHANGES:
                     self.options.note(f"{message}{suffix}: nodes of a step stay the same")
         return inside
+
+    def _must_be_in_mesh(
+        self, block: FrdBlock, absent: IntArray, before: tuple[FrdBlock, IntArray] | None
+    ) -> bool:
+        """Whether nodes `absent` from the mesh contradict the mesh or the block `before`.
+
+        A block with as many records as the mesh has all nodes of the mesh and no others. A part
+        of the mesh has the same nodes in each block of a step.
+        """
+        mesh = self._index.nodes
+        if mesh is not None and block.records == mesh.records:
+            return True
+        if before is None or before[0].key[0] != block.key[0] or len(before[1]) != block.records:
+            return False
+        return not np.isin(absent, before[1]).all()
 
     def _neighbour(self, block: FrdBlock) -> tuple[FrdBlock, IntArray] | None:
         """A block of the same quantity, step and count, of a part of the mesh, and its nodes."""
