@@ -29,7 +29,7 @@ from fembridge.simulation import (
     unlike_the_fit,
 )
 from fembridge.tables import SpikeTrain, read_traces
-from fembridge.trace import StressTrace, Traces, doubt_of_step, resample
+from fembridge.trace import StressTrace, Traces, check_growth, doubt_of_step, resample
 from fembridge.typing import FloatArray
 from neural import Parameters, ParameterSet, parameter_set
 
@@ -198,6 +198,16 @@ def _ready(
         raise UsageError(f"no trace of {' or '.join(afferents or ('any class',))}")
     whose = [(trace.stimulus or name, afferent, trace.unit) for trace, afferent in classes]
     apart = len(set(whose)) == len(whose)
+    lengths = [
+        (trace.stress_pa.size, int(trace.stress_pa.size * trace.dt_ms / parameters[afferent].dt_ms))
+        for trace, afferent in classes
+        if afferent in parameters
+    ]
+    check_growth(
+        sum(before for before, _ in lengths),
+        sum(after for _, after in lengths),
+        max((after for _, after in lengths), default=0),
+    )
     found: list[StressTrace] = []
     names: set[tuple[str, str, str]] = set()
     other_steps: dict[tuple[float, float], list[str | None]] = {}
