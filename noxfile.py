@@ -15,6 +15,7 @@ LOWEST = (
     "cattrs==24.1.*",
     "filelock==3.24.*",
     "platformdirs==4.2.*",
+    "threadpoolctl==3.5.*",
     "jinja2==3.1.*",
     "meshio==5.3.5",
     "pygmsh==7.1.17",

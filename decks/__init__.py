@@ -1,4 +1,4 @@
-"""What a solver is given: the finger, the probe, the stimuli, and the deck itself.
+"""Input of the solvers: fingers, probes, stimuli and decks.
 
 ``import decks`` loads no NumPy: names are imported when they are used.
 """
@@ -49,7 +49,7 @@ _MODULES = {
 }
 
 
-def __getattr__(name: str) -> Any:  # noqa: ANN401 - whatever the name stands for
+def __getattr__(name: str) -> Any:  # noqa: ANN401 - any exported object
     if name not in _MODULES:
         raise AttributeError(f"module 'decks' has no attribute {name!r}")
     return getattr(import_module(f"decks.{_MODULES[name]}"), name)

@@ -1,13 +1,14 @@
-"""What is computed, in no solver's words: the one value that every deck writer takes.
+"""An analysis, independent of the solver: the input of every deck writer.
 
-`Analysis` is made of a mesh, a probe, a motion, and rows of nodes (from 0). What it says
-to a deck are numbers, from 1, made with it: the finger's nodes come first, then the
-probe's; elements likewise.
+`Analysis` is made of a mesh, a probe, a motion, and rows of nodes (from 0). From these it
+derives the numbers (from 1) that decks use: nodes of the finger first, then those of the
+probe; elements in the same order.
 
-Where finger, probe and motion are mirror images about ``x = 0``, so is what happens, and
-the half with ``x >= 0`` shows all of it: on the axis nothing moves aside, and there is no
-shear. That is half of the unknowns. Whether it is so is checked node by node and element
-by element. A half keeps the numbers of the whole; those of what is left out do not occur.
+If finger, probe and motion are symmetric about ``x = 0``, so is the solution, and the half
+with ``x >= 0`` suffices: nodes on the axis do not move along x, and shear is zero there. This
+halves the number of unknowns. The symmetry is checked node by node and element by element.
+A half keeps the node and element numbers of the full section; numbers of the left half do
+not occur.
 """
 
 from collections.abc import Mapping
@@ -29,33 +30,33 @@ ELEMENTS = ("CPE4", "CPE4R", "CPE4H", "CPE4RH", "CPE8", "CPE8R")
 # Elements of eight nodes; all others have four.
 QUADRATIC = ("CPE8", "CPE8R")
 FORMULATIONS = ("node-to-surface", "surface-to-surface")
-# How stress follows from large strain; for small ones both are Hooke's law.
+# Material laws at large strain; at small strain both are Hooke's law.
 LAWS = ("linear", "neo-hookean")
 
-# Layers that are strained strongly: what `Analysis.law` is about.
+# Layers under large strain, to which `Analysis.law` applies.
 _SOFT = ("stratum_corneum", "epidermis", "dermis", "subcutaneous_tissue")
-# A stiff placeholder: the probe's nodes carry no unknown of their own; a solver still
-# wants a material.
+# A stiff placeholder: the nodes of the probe have no unknowns, but solvers require a
+# material.
 _PROBE_MATERIAL = Material(2.1e5, 0.3)
-# Skin beyond this is never reached by the probe; the search for contact is
-# limited to what is within it, beyond the probe's own half width.
+# The contact search covers the skin up to this distance beyond the probe's edges; the probe
+# never reaches skin farther away.
 _CONTACT_MARGIN_MM = 1.5
-# Stiffness of sticking springs, as a share of the normal ones.
+# Stiffness of stick springs as a share of the normal contact stiffness.
 STICK_SHARE = 0.1
-# How far a node may be from the mirror image of another, or from the axis.
+# Tolerance for a node's distance from the mirror image of another node, or from the axis.
 SAME_MM = 1.0e-9
-# Nodes are paired by places rounded so; no two nodes of a mesh are as near.
+# Decimals to which coordinates are rounded to pair nodes; nodes of a mesh are farther apart.
 _DIGITS = 6
 _MIRROR = np.array([-1.0, 1.0])
 
 
 @dataclass(frozen=True, slots=True)
 class Contact(Ranged):
-    """How probe and skin touch: penalty springs and Coulomb friction.
+    """Contact of probe and skin: penalty springs and Coulomb friction.
 
-    `friction` 0.4 is that of skin on metal (Ishizuka et al., 3.1). The springs'
-    stiffness is a pressure per depth of overlap; sticking springs are softer by
-    `stick_share`. The slave side is the skin, whose elements are finer.
+    `friction` 0.4 is the coefficient of skin on metal (Ishizuka et al., 3.1). The stiffness
+    of the springs is pressure per depth of overlap; the stiffness of stick springs is the
+    share `stick_share` of it. The skin, with the finer elements, is the slave side.
     """
 
     formulation: str = "node-to-surface"
@@ -80,9 +81,9 @@ class Contact(Ranged):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ElementSet:
-    """Elements of one material: `number` ``(E,)``, and their nodes, `node` ``(E, k)``.
+    """Elements of one material: their `number` ``(E,)`` and nodes, `node` ``(E, k)``.
 
-    Four corners counter-clockwise; of eight nodes the mid-sides 1-2, 2-3, 3-4, 4-1
+    Four corners counter-clockwise; with eight nodes, the mid-sides 1-2, 2-3, 3-4, 4-1
     follow. `law` is one of `LAWS`.
     """
 
@@ -95,20 +96,21 @@ class ElementSet:
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """One run: a finger, a probe, a motion, and the nodes whose results are wanted.
+    """One run: finger, probe, motion, and the nodes at which results are written.
 
-    `afferent` gives the node of each afferent; `apex` is the skin's node that the probe
-    touches first, which shows that it pushed. `fixed_row` ``(C,)`` are nodes that do not
-    move. `contact_edge` ``(K, 2)`` are (element row, face from 0) of the skin that the probe
-    can reach. `watched_row` ``(W,)`` are further nodes whose results are written.
+    `afferent` maps each afferent to its node number. `apex` is the skin node that the probe
+    touches first; its displacement shows that the probe pressed. `fixed_row` ``(C,)`` are
+    rows of nodes that do not move. `contact_edge` ``(K, 2)`` are the pairs (element row, face
+    from 0) of the skin that the probe can reach. `watched_row` ``(W,)`` are rows of further
+    nodes at which results are written.
 
-    `law` is that of skin and tissue, bone and nail stay linear: ``linear`` takes the
-    second Piola–Kirchhoff stress to be linear in Green's strain, which gives way
-    under strong compression; ``neo-hookean`` has the same moduli at rest and does
-    not. With `inertia` the skin's mass counts while the probe follows its waveform.
-    `support` is how a solver that is the faster for it moves the probe: each of its nodes is
-    ``prescribed``, or all hang on a stiff ``spring`` that is; `section` what such a solver
-    computes, ``whole`` or the right ``half`` where that shows all.
+    `law` applies to skin and subcutaneous tissue; bone and nail stay linear. With ``linear``
+    the second Piola–Kirchhoff stress is linear in Green's strain, which softens under strong
+    compression; ``neo-hookean`` has the same moduli at rest and does not soften. With
+    `inertia` the mass of the finger counts. `support` and `section` apply to solvers that
+    are faster with them: as `support`, each node of the probe is ``prescribed``, or all of
+    them are tied to a prescribed node by a stiff ``spring``; `section` is ``whole``, or
+    ``half`` to compute the right half only, if the analysis is symmetric.
     """
 
     title: str
@@ -131,64 +133,64 @@ class Analysis:
     section: str = "whole"
 
     why_whole: str | None = field(init=False)
-    """Why all of the section is computed; None of the half with ``x >= 0``."""
+    """Why the full section is computed; None if only the half with ``x >= 0`` is."""
     is_half: bool = field(init=False)
     thickness_mm: float = field(init=False)
-    """Of the section: a half stands for both, so that forces are the whole's."""
+    """Thickness of the section; doubled for a half, so that forces are those of the full one."""
 
     node_mm: FloatArray = field(init=False)
     """Nodes ``(N, 2)`` of the finger, mid-sides last; node ``n`` is row ``n - 1``."""
     layers: tuple[ElementSet, ...] = field(init=False)
-    """Elements of each layer of the finger, none empty."""
+    """Elements of each layer of the finger that has elements."""
     node: IntArray = field(init=False)
-    """Numbers of the finger's nodes that elements use: of a half fewer than rows."""
+    """Numbers of the finger nodes that elements use: fewer than `node_mm` has rows in a half."""
     axis: IntArray = field(init=False)
-    """The finger's nodes at x = 0 of a half; none of a whole."""
+    """Finger nodes at x = 0 of a half; empty for the full section."""
     first_probe_node: int = field(init=False)
-    """Number of the probe's first node, row 0 of `probe_mesh`."""
+    """Number of the first probe node, row 0 of `probe_mesh`."""
     probe: ElementSet = field(init=False)
     """Elements of the probe."""
     fixed: IntArray = field(init=False)
-    """Nodes that do not move; a mid-side node where both its ends do not."""
+    """Nodes that do not move; a mid-side node is fixed if both of its corners are."""
     contact_face: IntArray = field(init=False)
-    """Faces ``(K, 2)`` of the skin that the probe can reach: element, face from 1."""
+    """Skin faces ``(K, 2)`` that the probe can reach: element number, face from 1."""
     contact_node: IntArray = field(init=False)
-    """Nodes of the skin that the probe can reach."""
+    """Skin nodes that the probe can reach."""
 
     watched: IntArray = field(init=False)
-    """Nodes whose results are wanted: afferents, apex and others, no node twice."""
+    """Nodes at which results are written: afferents, apex and others, each once."""
     watched_on_axis: tuple[int, ...] = field(init=False)
-    """Those of `watched` on the axis of a half; none of a whole.
+    """Nodes of `watched` on the axis of a half; empty for the full section.
 
-    A solver writes the mean of the stress of the elements there. Those of the left half
-    are missing, which matters to shear alone: its sign is the other one there.
+    A solver writes the mean stress of the adjacent elements. The elements of the left half
+    are missing; only shear, which has the opposite sign in them, is affected.
     """
     branches: Mapping[int, int] = field(init=False)
-    """How many terms, the lasting one too, stress has at watched nodes in relaxing skin."""
+    """Number of stress terms (the lasting one included) at watched nodes in relaxing skin."""
     sites: Mapping[str, str] = field(init=False)
-    """Where each afferent sits, in words."""
+    """Position of each afferent, as text for the deck."""
 
     def __post_init__(self) -> None:
         mesh, probe = self.mesh, self.probe_mesh
         quadratic = self.element in QUADRATIC
         node_mm, element = mesh.with_midsides() if quadratic else (mesh.node_mm, mesh.quad)
         first_probe_node = len(node_mm) + 1
-        wanted = (*self.afferent.values(), self.apex, *(self.watched_row + 1).tolist())
-        watched = np.array(list(dict.fromkeys(wanted)), dtype=np.int64)
-        why_whole = _why_whole(self, watched)
-        is_half = why_whole is None
-        there = np.ones(len(mesh.quad), dtype=bool)
+        requested = (*self.afferent.values(), self.apex, *(self.watched_row + 1).tolist())
+        watched = np.array(list(dict.fromkeys(requested)), dtype=np.int64)
+        full_section_reason = _full_section_reason(self, watched)
+        is_half = full_section_reason is None
+        included = np.ones(len(mesh.quad), dtype=bool)
         quads = np.arange(len(probe.quad))
         if is_half:
-            there = _on_the_right(mesh.node_mm, mesh.quad)
-            quads = quads[_on_the_right(probe.node_mm, probe.quad)]
+            included = _in_right_half(mesh.node_mm, mesh.quad)
+            quads = quads[_in_right_half(probe.node_mm, probe.quad)]
         layers = []
         for index, layer in enumerate(LAYERS):
-            mine = np.flatnonzero((mesh.layer == index) & there)
-            if mine.size:
+            rows = np.flatnonzero((mesh.layer == index) & included)
+            if rows.size:
                 law = self.law if layer in _SOFT else "linear"
                 material = self.finger.materials[layer]
-                layers.append(ElementSet(layer, mine + 1, element[mine] + 1, material, law))
+                layers.append(ElementSet(layer, rows + 1, element[rows] + 1, material, law))
         node = np.unique(np.concatenate([np.unique(layer.node) for layer in layers]))
         axis = node[is_half & (np.abs(node_mm[node - 1, 0]) <= SAME_MM)]
         fixed = np.isin(element, self.fixed_row)
@@ -202,15 +204,15 @@ class Analysis:
             fixed[:, 4:] &= alone | mesh.in_layer("bone")[:, None]
             touching.append(element[owner, face + 4])
         terms = dict.fromkeys(watched.tolist(), 1)
-        for one in layers:
-            for number in np.intersect1d(watched, one.node).tolist():
-                terms[number] = max(terms[number], 1 + len(one.material.prony))
+        for layer_set in layers:
+            for number in np.intersect1d(watched, layer_set.node).tolist():
+                terms[number] = max(terms[number], 1 + len(layer_set.material.prony))
         sites = {}
         for name, number in self.afferent.items():
             (x, y), layer = mesh.node_mm[number - 1], self.finger.afferents[name].layer
             sites[name] = f"{layer}, x = {x:.4f} mm, depth = {-y:.4f} mm"
-        made = {
-            "why_whole": why_whole,
+        derived = {
+            "why_whole": full_section_reason,
             "is_half": is_half,
             "thickness_mm": 2.0 if is_half else 1.0,
             "node_mm": node_mm,
@@ -226,34 +228,34 @@ class Analysis:
                 "linear",
             ),
             "fixed": np.intersect1d(element[fixed] + 1, node),
-            "contact_face": self.contact_edge[there[owner]] + 1,
+            "contact_face": self.contact_edge[included[owner]] + 1,
             "contact_node": np.intersect1d(np.concatenate(touching) + 1, node),
             "watched": watched,
             "watched_on_axis": tuple(watched[np.isin(watched, axis)].tolist()),
             "branches": {number: count for number, count in terms.items() if count > 1},
             "sites": sites,
         }
-        for name, value in made.items():
+        for name, value in derived.items():
             object.__setattr__(self, name, value)
 
-    def whole(self) -> "Analysis":
-        """The analysis of both halves of the section."""
+    def full_section(self) -> "Analysis":
+        """The analysis of the full section."""
         return replace(self, section="whole") if self.is_half else self
 
 
-def _why_whole(model: Analysis, watched: IntArray) -> str | None:
-    """Why half of the section will not do for results at nodes; None where it will."""
+def _full_section_reason(model: Analysis, watched: IntArray) -> str | None:
+    """Why the full section is needed for results at `watched`; None if half of it suffices."""
     mesh, probe = model.mesh, model.probe_mesh
-    for so, words in (
-        (model.section == "whole", "the whole section was asked for"),
-        # the reference: nothing in its decks is left out
+    for applies, reason in (
+        (model.section == "whole", "the full section was requested"),
+        # the reference model: its decks are complete
         (model.support == "prescribed", "each of the probe's nodes is prescribed"),
         (model.inertia, "inertia counts"),
         (model.contact.formulation != "node-to-surface", "contact is surface to surface"),
         (model.motion.aside_mm is not None, "the probe slides"),
     ):
-        if so:
-            return words
+        if applies:
+            return reason
     for number in watched[mesh.node_mm[watched - 1, 0] < -SAME_MM].tolist():
         names = {model.apex: "the skin under the probe"}
         names |= {other: f"afferent {name}" for name, other in model.afferent.items()}
@@ -268,12 +270,12 @@ def _why_whole(model: Analysis, watched: IntArray) -> str | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
-    """What stays the same from stimulus to stimulus: finger, mesh, probe, contact.
+    """The model that all stimuli share: finger, mesh, probe and contact.
 
-    With `inertia` the skin's mass counts. `support` is how CalculiX moves the probe: see
-    ``calculix.inp.j2`` for what a spring does. Of a section that is
-    a mirror image of itself half is enough for a probe on a spring; `section` "whole"
-    asks for all of it. `law`, one of `LAWS`, is that of skin and tissue.
+    With `inertia` the mass of the finger counts. `support` is how CalculiX moves the probe;
+    ``calculix.inp.j2`` explains the spring. With a probe on a spring, half of a symmetric
+    section is computed; `section` "whole" requests the full section. `law`, one of `LAWS`,
+    applies to skin and subcutaneous tissue.
     """
 
     finger: Finger
@@ -287,30 +289,32 @@ class Model:
     law: str = "linear"
 
     def at_once(self) -> "Model":
-        """The model whose stress does not depend on time, for its contact."""
+        """The model without relaxation and inertia: its stress depends on depth only."""
         return replace(self, finger=self.finger.at_once(), inertia=False)
 
     def analysis(self, stimulus: Stimulus, *, watched: IntArray | None = None) -> Analysis:
-        """Put `stimulus` on this model; the nodes of rows `watched` are written too.
+        """Apply `stimulus` to this model; results are also written at the rows `watched`.
 
         Raises
         ------
         DeckError, FingerError
-            An afferent without a node, a probe that is or comes beside the pad.
+            An afferent has no node, or the probe is or moves beyond the edge of the pad.
         """
         mesh, probe = self.mesh, self.probe
-        still = "viscous" if self.finger.relaxing_s else "static"
-        procedure = "dynamic" if self.inertia else still
+        procedure = "viscous" if self.finger.relaxing_s else "static"
+        procedure = "dynamic" if self.inertia else procedure
         motion = motion_of(stimulus, procedure, self.finger.relaxing_s)
-        way = motion.aside_mm
-        way_mm = (0.0, 0.0) if way is None else (float(way.min()), float(way.max()))
-        probe_mesh, apex_row = mesh_probe(probe, mesh, way_mm)
+        aside_mm = motion.aside_mm
+        travel_mm = (
+            (0.0, 0.0) if aside_mm is None else (float(aside_mm.min()), float(aside_mm.max()))
+        )
+        probe_mesh, apex_row = mesh_probe(probe, mesh, travel_mm)
         edge, owner, face = mesh.outline()
         middle = mesh.node_mm[edge].mean(axis=1)
         reach_mm = 0.5 * probe.diameter_mm + _CONTACT_MARGIN_MM
         reached = (
-            (middle[:, 0] >= probe.x_mm + way_mm[0] - reach_mm)
-            & (middle[:, 0] <= probe.x_mm + way_mm[1] + reach_mm)
+            (middle[:, 0] >= probe.x_mm + travel_mm[0] - reach_mm)
+            & (middle[:, 0] <= probe.x_mm + travel_mm[1] + reach_mm)
             & (middle[:, 1] > 0.5 * mesh.node_mm[:, 1].min())
         )
         nail = np.unique(mesh.quad[mesh.in_layer("nail")])
@@ -343,22 +347,24 @@ class Model:
 # ---- Mirror images
 
 
-def _on_the_right(node_mm: FloatArray, quad: IntArray) -> BoolArray:
+def _in_right_half(node_mm: FloatArray, quad: IntArray) -> BoolArray:
     right: BoolArray = (node_mm[quad, 0] >= -SAME_MM).all(axis=1)
     return right
 
 
 def _is_mirrored(node_mm: FloatArray, quad: IntArray, layer: IntArray) -> bool:
-    """Whether each node and each quad, of the same layer, has its image; no quad is its own."""
+    """Whether each node and quad has a mirror image in the same layer; no quad is its own."""
     image_mm = node_mm * _MIRROR
-    rows, image_rows = (np.lexsort(np.round(at, _DIGITS).T) for at in (node_mm, image_mm))
+    rows, image_rows = (
+        np.lexsort(np.round(points_mm, _DIGITS).T) for points_mm in (node_mm, image_mm)
+    )
     if not np.abs(node_mm[rows] - image_mm[image_rows]).max() <= SAME_MM:
         return False
     image = np.empty_like(rows)
     image[image_rows] = rows
-    right, left = (_on_the_right(at, quad) for at in (node_mm, image_mm))
+    right, left = (_in_right_half(points_mm, quad) for points_mm in (node_mm, image_mm))
     halves = []
     for nodes, layers in ((quad[right], layer[right]), (image[quad[left]], layer[left])):
         sides = np.column_stack([np.sort(nodes, axis=1), layers])
-        halves.append(sides[np.lexsort(sides.T)])  # in an order that is no one's own
+        halves.append(sides[np.lexsort(sides.T)])  # sorted, so that both halves compare
     return not (right == left).any() and np.array_equal(halves[0], halves[1])

@@ -27,20 +27,20 @@ def calculix_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> s
     """Write `analysis` as a deck for ccx 2.20.
 
     Results at the watched nodes are float64; as "text" ccx writes ASCII, whose six
-    digits add noise to a second derivative. A step of ccx writes one set of nodes
-    alone: so with `options.frames` every so many samples are a step of all nodes.
+    digits add noise to a second derivative. A ccx step writes one set of nodes only, so with
+    `options.frames` every frame is a separate step that writes all nodes.
 
     Raises
     ------
     DeckError
-        Skin that relaxes within a time step.
+        The skin relaxes within a time step.
     UsageError
-        Whole fields now and then where inertia counts.
+        Frames are requested together with inertia.
     """
     if options.frames > 1 and analysis.inertia:
-        raise UsageError("frames: 1 alone where inertia counts: a new step would jolt the skin")
+        raise UsageError("frames: only 1 is possible with inertia: a new step would jolt the skin")
     first = int(analysis.probe.number.max()) + 1
-    found = branches(analysis.layers, first, analysis.motion.phases[-1].dt_s)
+    creep_branches = branches(analysis.layers, first, analysis.motion.phases[-1].dt_s)
     on_axis = np.isin(analysis.contact_node, analysis.axis)
     return keyword_deck(
         "calculix.inp.j2",
@@ -48,9 +48,9 @@ def calculix_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> s
         [lasting(layer) for layer in (*analysis.layers, analysis.probe)],
         list(_steps(analysis.motion, options.frames)),
         binary=options.results != "text",
-        branches=found,
-        # Numbers that neither finger, probe nor branch has.
-        free_element=first + sum(len(section.number) for section, _ in found),
+        branches=creep_branches,
+        # Numbers beyond those of finger, probe and branches.
+        free_element=first + sum(len(section.number) for section, _ in creep_branches),
         free_node=analysis.first_probe_node + len(analysis.probe_mesh.node_mm),
         tied=np.unique(analysis.probe.node).tolist(),
         skin_nodes=analysis.contact_node[~on_axis],
@@ -59,7 +59,7 @@ def calculix_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> s
 
 
 def _steps(motion: Motion, frames: int) -> Iterator[tuple[Phase, bool]]:
-    """The steps, and whether they write all nodes: every `frames` samples one that does."""
+    """Steps, and whether each writes all nodes: one step per `frames` samples does."""
     *before, waveform = motion.phases
     if frames <= 1:
         yield from ((phase, frames == 1) for phase in motion.phases)
@@ -73,12 +73,12 @@ def _steps(motion: Motion, frames: int) -> Iterator[tuple[Phase, bool]]:
         yield replace(waveform, increments=rest), False
 
 
-# ---- Relaxing skin. ccx 2.20 reads over ``*VISCOELASTIC`` with a warning and stays elastic.
-# So each layer is in the deck once for the share of its stiffness that lasts, and once more,
-# on the same nodes, for each Prony term: a Maxwell branch, elastic with creep that is
+# ---- Relaxing skin. ccx 2.20 ignores ``*VISCOELASTIC`` with a warning and stays elastic.
+# So the deck has the elements of each layer once for the lasting share of its stiffness, and
+# again, on the same nodes, for each Prony term: a Maxwell branch, elastic with creep that is
 # proportional to stress (``*CREEP, LAW=NORTON``, exponent 1; ``*VISCO``). The stress of the
-# skin is the sum over the branches. At a node ccx writes their mean, which a reader
-# multiplies by their number.
+# skin is the sum over the branches. ccx writes their mean at a node, which a reader
+# multiplies by the number of terms.
 #
 # ccx relaxes by backward Euler: in a step of x = dt/tau a branch keeps 1/(1 + x'), x' being
 # 3 G A dt for the creep rate A sigma. With G' = G (e^x - 1)/x and 3 G' A dt = e^x - 1 that is
@@ -86,20 +86,20 @@ def _steps(motion: Motion, frames: int) -> Iterator[tuple[Phase, bool]]:
 
 
 def lasting(section: ElementSet) -> ElementSet:
-    """A layer with the stiffness that does not relax, and all of its mass."""
+    """A layer with its lasting stiffness and its full mass."""
     values = section.material
     if not values.prony:
         return section
     young_mpa = values.lasting_share * values.young_mpa
-    left = Material(young_mpa, values.poisson, density_kg_m3=values.density_kg_m3)
-    return replace(section, material=left)
+    lasting_material = Material(young_mpa, values.poisson, density_kg_m3=values.density_kg_m3)
+    return replace(section, material=lasting_material)
 
 
 def branches(
     layers: Sequence[ElementSet], first: int, dt_s: float
 ) -> list[tuple[ElementSet, float]]:
-    """Branches of all `layers` with their creep per MPa and s; elements from `first` on."""
-    found = []
+    """Branches of all `layers` and their creep rate per MPa and s; elements start at `first`."""
+    branch_sections = []
     for layer in layers:
         values = layer.material
         for count, term in enumerate(values.prony, start=1):
@@ -119,5 +119,5 @@ def branches(
             section = ElementSet(
                 f"{layer.name}_prony_{count}", number, layer.node, branch, "linear"
             )
-            found.append((section, grown / (3 * shear_mpa * dt_s)))
-    return found
+            branch_sections.append((section, grown / (3 * shear_mpa * dt_s)))
+    return branch_sections

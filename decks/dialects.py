@@ -1,4 +1,4 @@
-"""Deck dialects by name: whose solver, which files, which elements.
+"""Deck dialects by name: solver, files and elements.
 
 A dialect is one module with a function from `decks.analysis.Analysis` to the text
 of a deck; it is imported when a deck of it is written.
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from decks.analysis import Analysis
 
 JOB = "job"
-# What the procedure beside Marc's deck appends to the name of the deck it writes.
+# Suffix of the deck that the procedure for Mentat writes.
 REWRITTEN = "_s2s"
-# What a deck asks the solver to write its results as.
+# Formats of the results that a deck requests.
 RESULTS = ("binary", "text", "both")
-# Of someone's own deck: one increment a sample, or as the solver likes in between.
+# Increments of a base deck: one per sample, or smaller ones chosen by the solver.
 INCREMENTS = ("fixed", "automatic")
 # Whether Marc's probe is a curve, or elements whose nodes are prescribed.
 PROBES = ("rigid", "meshed")
@@ -30,9 +30,9 @@ PROBES = ("rigid", "meshed")
 
 @dataclass(frozen=True, slots=True)
 class DeckOptions:
-    """What is asked of a deck beside its analysis; None: the dialect's own way.
+    """Options of a deck in addition to its analysis; None: the default of the dialect.
 
-    Every `frames` samples results are written at all nodes; 0: at the afferents alone.
+    Results are written at all nodes every `frames` samples; 0: only at the afferents.
     """
 
     results: str | None = None
@@ -44,16 +44,16 @@ class DeckOptions:
 class Dialect:
     """A solver's kind of deck.
 
-    `deck` and `results` are names of files in a run folder; the first of `results`
-    that is there holds the stresses. `result_kinds` and `probes` are the words of
-    `DeckOptions` that it knows, its own choice first. `contact` are the fields of
-    `decks.analysis.Contact` that its decks hold. `elements` gives, for our (Abaqus's) name
-    of an element, the solver's own. `how_to_run` is what a person does where fembridge
-    cannot run the solver itself. `target` is ``module:function``, called as ``(analysis,
-    options)`` and giving the deck's text; it refuses what its decks cannot say. `beside`
-    are the targets of further files, by their names. `springs` is whether a probe may hang
-    on a spring, and half of a section do; `branches` whether relaxing skin has elements over
-    its elements; `frames` whether it can have whole fields now and then.
+    `deck` and `results` are names of files in a run folder; the first existing file of
+    `results` contains the stresses. `result_kinds` and `probes` are the supported values of
+    `DeckOptions`, the default first. `contact` are the supported fields of
+    `decks.analysis.Contact`. `elements` maps our (Abaqus's) name of an element to the name of
+    the solver. `how_to_run` is an instruction for solvers that fembridge cannot run. `target`
+    is ``module:function``; it is called with ``(analysis, options)``, returns the text of the
+    deck and refuses an analysis that it cannot express. `extra_files` maps names of further
+    files to their targets. `springs` is whether a spring-driven probe and a half section are
+    supported, `branches` whether relaxing skin is written as Maxwell branches, and `frames`
+    whether results at all nodes can be requested at intervals.
     """
 
     name: str
@@ -65,47 +65,48 @@ class Dialect:
     probes: tuple[str, ...]
     contact: tuple[str, ...]
     target: str
-    beside: Mapping[str, str] = field(default_factory=dict)
+    extra_files: Mapping[str, str] = field(default_factory=dict)
     how_to_run: str = ""
     springs: bool = False
     branches: bool = False
     frames: bool = False
 
-    def element_named(self, word: str) -> str:
-        """Our name of the element that `word` is, ours or the solver's."""
-        for ours, theirs in self.elements.items():
-            if word.upper() in (ours, theirs):
-                return ours
-        known = ", ".join(
-            ours if ours == theirs else f"{theirs} ({ours})"
-            for ours, theirs in self.elements.items()
+    def element_named(self, name: str) -> str:
+        """Our name of the element `name`, which is our name or that of the solver."""
+        for element, solver_element in self.elements.items():
+            if name.upper() in (element, solver_element):
+                return element
+        choices = ", ".join(
+            element if element == solver_element else f"{solver_element} ({element})"
+            for element, solver_element in self.elements.items()
         )
-        raise DeckError(f"{self.name} has no element {word!r}, expected one of {known}")
+        raise DeckError(f"{self.name} has no element {name!r}, expected one of {choices}")
 
     def write(self, analysis: "Analysis", options: DeckOptions) -> dict[str, str]:
-        """The text of each file: the deck, and what belongs to it.
+        """The text of each file: the deck and its extra files.
 
         Raises
         ------
         DeckError
-            Something that this dialect cannot say.
+            The analysis cannot be expressed in this dialect.
         """
         self.element_named(analysis.element)
-        chosen = dict[str, str]()
-        for what, known in (("results", self.result_kinds), ("probe", self.probes)):
-            word = chosen[what] = getattr(options, what) or known[0]
-            if word not in known:
+        values = dict[str, str]()
+        for option, choices in (("results", self.result_kinds), ("probe", self.probes)):
+            value = values[option] = getattr(options, option) or choices[0]
+            if value not in choices:
                 raise UsageError(
-                    f"a deck for {self.name} has no {what} {word!r}, expected {' or '.join(known)}"
+                    f"a deck for {self.name} has no {option} {value!r}, "
+                    f"expected {' or '.join(choices)}"
                 )
         if options.frames < 0:
             raise UsageError(f"frames is {options.frames}, expected 1 or more samples")
         if options.frames and not self.frames:
             raise UsageError(f"a deck for {self.name} has results at all nodes, at every sample")
-        asked, files = DeckOptions(**chosen, frames=options.frames), dict[str, str]()
-        for name, target in {self.deck: self.target, **self.beside}.items():
+        resolved, files = DeckOptions(**values, frames=options.frames), dict[str, str]()
+        for name, target in {self.deck: self.target, **self.extra_files}.items():
             module, _, function = target.partition(":")
-            files[name] = getattr(import_module(module), function)(analysis, asked)
+            files[name] = getattr(import_module(module), function)(analysis, resolved)
         return files
 
 
@@ -136,7 +137,7 @@ DIALECTS = {
             probes=("rigid", "meshed"),
             contact=("friction",),
             target="decks.marc.write:marc_deck",
-            beside={f"{JOB}.proc": "decks.marc.write:mentat_procedure"},
+            extra_files={f"{JOB}.proc": "decks.marc.write:mentat_procedure"},
             how_to_run=f"mentat -bg {JOB}.proc, run_marc -jid {JOB}{REWRITTEN}, then "
             f"fembridge ingest {JOB}{REWRITTEN}.t16; see docs/marc.md",
         ),
@@ -159,7 +160,7 @@ DIALECTS = {
 
 
 def dialect_of(solver: str) -> Dialect:
-    """The dialect that `solver` reads; CalculiX's for one of another package."""
+    """The dialect that `solver` reads; for a solver of another package, that of CalculiX."""
     return DIALECTS.get(solver, DIALECTS["calculix"])
 
 
@@ -172,7 +173,7 @@ def dialect_named(name: str) -> Dialect:
 
 @cache
 def template(name: str) -> "Template":
-    """The template `name` of this folder; a word that it is not given is an error."""
+    """The template `name` of this folder; an undefined variable is an error."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(

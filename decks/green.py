@@ -47,7 +47,7 @@ _NEAR_MM = 1.0
 PLANE_ROWS = 3
 # Of a plane pad a slice is this share of the spacing: what its faces differ by is a
 # thousandth of what they move.
-_THIN = 0.05
+_THICKNESS_SHARE = 0.05
 # A force is a quarter of what the whole prism would get: see the module.
 SHARE = 0.25
 
@@ -95,15 +95,15 @@ class Prism:
 
     @property
     def node_rows(self) -> IntArray:
-        """Rows of nodes whose displacements are wanted: skin, epidermis, top of the tissue."""
+        """Rows of nodes at which displacements are written: skin, epidermis, top of the tissue."""
         rows = [self.layer_rows(layer) for layer in self.watched_layers]
-        return np.unique(np.concatenate([[0], *rows, *(each + 1 for each in rows)]))
+        return np.unique(np.concatenate([[0], *rows, *(layer_rows + 1 for layer_rows in rows)]))
 
     @property
     def watched_layers(self) -> tuple[str, ...]:
         """Layers in which afferents sit, from the skin inwards."""
-        wanted = {site.layer for site in self.finger.afferents.values()}
-        return tuple(layer for layer in LAYERS if layer in wanted)
+        afferent_layers = {site.layer for site in self.finger.afferents.values()}
+        return tuple(layer for layer in LAYERS if layer in afferent_layers)
 
     @property
     def watched_columns(self) -> int:
@@ -129,8 +129,8 @@ class Prism:
 
     def layer_rows(self, layer: str) -> IntArray:
         """Rows of elements of `layer` that are watched, from the skin inwards."""
-        most = self.mesh.rows * _TISSUE_ROWS if layer == "subcutaneous_tissue" else None
-        return np.flatnonzero(self.row_layer == LAYERS.index(layer))[:most]
+        limit = self.mesh.rows * _TISSUE_ROWS if layer == "subcutaneous_tissue" else None
+        return np.flatnonzero(self.row_layer == LAYERS.index(layer))[:limit]
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,24 +181,24 @@ def prism_of(finger: Finger, mesh: PadMesh = PadMesh()) -> Prism:
             raise FingerError(f"afferent {name} in {site.layer}: a pad has no stress there")
     ridges = finger.ridges
     if ridges.height_mm > 0 or finger.papillae.height_mm > 0:
-        widest_mm = 0.25 * ridges.spacing_mm * (1 + 1e-9)
-        if mesh.spacing_mm > widest_mm:
+        max_spacing_mm = 0.25 * ridges.spacing_mm * (1 + 1e-9)
+        if mesh.spacing_mm > max_spacing_mm:
             raise FingerError(
                 f"nodes {mesh.spacing_mm:g} mm apart under ridges {ridges.spacing_mm:g} mm "
-                f"apart: expected at most {widest_mm:.4g} mm, four to a ridge"
+                f"apart: expected at most {max_spacing_mm:.4g} mm, four to a ridge"
             )
     section = section_of(finger)
     side_mm = float(section.arc_mm[section.point_mm[:, 0].argmax()])
-    most_mm = 0.9 * min(side_mm, section.nail_arc_mm)
-    if mesh.reach_mm > most_mm:
+    max_reach_mm = 0.9 * min(side_mm, section.nail_arc_mm)
+    if mesh.reach_mm > max_reach_mm:
         raise FingerError(
             f"contact up to {mesh.reach_mm:g} mm along the skin: expected at most "
-            f"{most_mm:.3g} mm, short of the finger's side"
+            f"{max_reach_mm:.3g} mm, short of the finger's side"
         )
     arc_mm, nail_column, contact_columns = _columns(section, mesh)
     point_mm, row_layer = _grid(section, arc_mm, mesh.rows)
     _check(point_mm)
-    z_mm = np.array([0.0, _THIN * mesh.spacing_mm])
+    z_mm = np.array([0.0, _THICKNESS_SHARE * mesh.spacing_mm])
     if not mesh.plane:
         near = np.arange(0.0, _NEAR_MM + 1e-9, mesh.spacing_mm)
         beyond = _growing(mesh.length_mm - near[-1], mesh.spacing_mm)
@@ -229,24 +229,26 @@ def _growing(length_mm: float, step_mm: float) -> FloatArray:
     return scaled
 
 
-def _grid(section: Section, arc_mm: FloatArray, times: int) -> tuple[FloatArray, IntArray]:
+def _grid(section: Section, arc_mm: FloatArray, factor: int) -> tuple[FloatArray, IntArray]:
     """Nodes ``(R + 1, C + 1, 2)`` from the skin to the bone, and the layer of each row."""
     curves = (section.surface, section.corneum, section.epidermis, section.dermis)
     lines = [section.curve(depth, arc_mm) for depth in curves]
     rows, layers = [lines[0]], []
-    for (layer, usual), upper, lower in zip(SKIN_ROWS.items(), lines, lines[1:], strict=False):
-        count = times * usual
+    for (layer, layer_count), upper, lower in zip(
+        SKIN_ROWS.items(), lines, lines[1:], strict=False
+    ):
+        count = factor * layer_count
         for k in range(1, count + 1):
             rows.append(upper + (lower - upper) * (k / count))
             layers.append(LAYERS.index(layer))
     bone = section.bone(np.pi * arc_mm / section.end_arc_mm)
     depth_mm = float(np.linalg.norm(bone[0] - rows[-1][0]))
-    first_mm = section.finger.skin.dermis_mm / (times * SKIN_ROWS["dermis"])
+    first_mm = section.finger.skin.dermis_mm / (factor * SKIN_ROWS["dermis"])
     steps = first_mm * _TISSUE_GROWTH ** np.arange(1, 400)
     count = int(np.searchsorted(np.cumsum(steps), depth_mm)) + 1
     share = np.cumsum(steps[:count]) / steps[:count].sum()
     dermis = rows[-1]
-    rows += [dermis + (bone - dermis) * each for each in share]
+    rows += [dermis + (bone - dermis) * fraction for fraction in share]
     layers += [LAYERS.index("subcutaneous_tissue")] * count
     return np.stack(rows), np.array(layers)
 
@@ -280,30 +282,32 @@ def prism_text(prism: Prism, *, even_x: bool, even_z: bool) -> str:
     """
     nodes_down, nodes_across, _ = prism.point_mm.shape
     slices = np.arange(len(prism.z_mm))
-    every_row, every_column = np.arange(nodes_down), np.arange(nodes_across)
-    free_rows, free_columns = every_row[:-1], every_column[: prism.nail_column]
+    all_rows, all_columns = np.arange(nodes_down), np.arange(nodes_across)
+    free_rows, free_columns = all_rows[:-1], all_columns[: prism.nail_column]
 
-    def numbers(rows: IntArray, columns: IntArray, at: IntArray = slices) -> IntArray:
-        return prism.node(rows[None, :, None], columns, at[:, None, None]).ravel()
+    def numbers(rows: IntArray, columns: IntArray, z_slices: IntArray = slices) -> IntArray:
+        return prism.node(rows[None, :, None], columns, z_slices[:, None, None]).ravel()
 
-    def plane(at: IntArray) -> tuple[IntArray, IntArray]:
-        return numbers(free_rows[:1], free_columns, at), numbers(free_rows[1:], every_column, at)
+    def plane(z_slices: IntArray) -> tuple[IntArray, IntArray]:
+        return numbers(free_rows[:1], free_columns, z_slices), numbers(
+            free_rows[1:], all_columns, z_slices
+        )
 
     flat_mm = (prism.point_mm.reshape(-1, 2) + 0.0).tolist()
-    places = ((x, y, z) for z in prism.z_mm.tolist() for x, y in flat_mm)
+    points = ((x, y, z) for z in prism.z_mm.tolist() for x, y in flat_mm)
     sets = {
         "HELD": (
-            numbers(every_row[-1:], every_column),
-            numbers(every_row[:1], every_column[prism.nail_column :]),
+            numbers(all_rows[-1:], all_columns),
+            numbers(all_rows[:1], all_columns[prism.nail_column :]),
         ),
-        "AXIS": (numbers(free_rows, every_column[:1]), numbers(free_rows[1:], every_column[-1:])),
+        "AXIS": (numbers(free_rows, all_columns[:1]), numbers(free_rows[1:], all_columns[-1:])),
         "MIDDLE": plane(slices[:1]),
         "END": plane(slices[-1:]),
-        "OUTPUT_NODES": (numbers(prism.node_rows, every_column[: prism.watched_columns + 1]),),
+        "OUTPUT_NODES": (numbers(prism.node_rows, all_columns[: prism.watched_columns + 1]),),
     }
     return template("prism.inp.j2").render(
         nodes="\n".join(
-            f"{number}, {x:.9f}, {y:.9f}, {z:.9f}" for number, (x, y, z) in enumerate(places, 1)
+            f"{number}, {x:.9f}, {y:.9f}, {z:.9f}" for number, (x, y, z) in enumerate(points, 1)
         ),
         layers=list(_layers(prism)),
         sets=sets,

@@ -34,7 +34,7 @@ Resolver = Callable[[str], bytes | None]
 # A keyword: a star that no second star follows, after blanks if need be.
 _KEYWORD_LINE = re.compile(rb"^[ \t]*\*(?![ \t]*\*)", re.MULTILINE)
 _COMMENT = re.compile(rb"[ \t]*\*[ \t]*\*")
-_WORD = re.compile(rb'(?:"[^"]*"|[^,])+')
+_HEAD_FIELD = re.compile(rb'(?:"[^"]*"|[^,])+')
 _BLANK = b" \t\r\n\0"
 # Of a to z alone: bytes beyond ASCII are kept, whatever letter they are somewhere.
 _CAPITALS = str.maketrans(ascii_lowercase, ascii_uppercase)
@@ -42,9 +42,9 @@ _CAPITALS = str.maketrans(ascii_lowercase, ascii_uppercase)
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([ED][+-]?\d+)?", re.IGNORECASE)
 # Keywords whose data may be in a file that INPUT= names.
 _DATA_ELSEWHERE = ("NODE", "ELEMENT", "NSET", "ELSET")
-_DEEPEST = 9  # ccx 2.20 includes no deeper
-_MOST_FILES = 1000  # one file may be included by many lines
-_MOST_DIGITS = 10
+_MAX_DEPTH = 9  # ccx 2.20 includes no deeper
+_MAX_FILES = 1000  # one file may be included by many lines
+_MAX_DIGITS = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,8 +60,8 @@ class Text:
         end = self.data.find(b"\n")
         return b"\r\n" if end > 0 and self.data[end - 1 : end] == b"\r" else b"\n"
 
-    def place(self, line: int) -> str:
-        """A line, as an error names it."""
+    def location(self, line: int) -> str:
+        """File and number of a line, for an error."""
         return f"{self.name}, line {line}" if self.name else f"line {line}"
 
     def lines(self, start: int, stop: int) -> Iterator[tuple[int, int]]:
@@ -89,28 +89,28 @@ class Option:
     stop: int
 
     @property
-    def word(self) -> str:
-        """The value as it is compared: in capitals and without blanks."""
-        return squeezed(self.value or "")
+    def normalized(self) -> str:
+        """The value as solvers compare it: in capitals and without blanks."""
+        return normalized_name(self.value or "")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Row:
-    """A data line that is no comment: its bytes, line end included, and its words."""
+    """A data line that is no comment: its bytes, line end included, and its fields."""
 
     text: Text
     line: int
     start: int
     stop: int
-    words: tuple[str, ...]
+    fields: tuple[str, ...]
 
     @property
     def where(self) -> str:
-        """Its place, as an error names it."""
-        return self.text.place(self.line)
+        """File and line, for an error."""
+        return self.text.location(self.line)
 
     def number(self, index: int, *, blank: float | None = None) -> float:
-        """The number at `index`; `blank` where there is none."""
+        """The number at `index`; `blank` if the field is empty."""
         packed = self._packed(index)
         if not packed and blank is not None:
             return blank
@@ -120,13 +120,13 @@ class Row:
                 return value
         raise DeckError(f"{self.where}: {packed[:40]!r} where a number is expected")
 
-    def whole(self, index: int, *, blank: int | None = None) -> int:
-        """The whole number at `index`; `blank` where there is none."""
+    def integer(self, index: int, *, blank: int | None = None) -> int:
+        """The integer at `index`; `blank` if the field is empty."""
         packed = self._packed(index)
-        return blank if not packed and blank is not None else whole(packed, self.where)
+        return blank if not packed and blank is not None else parse_integer(packed, self.where)
 
     def _packed(self, index: int) -> str:
-        return "".join(self.words[index].split()) if index < len(self.words) else ""
+        return "".join(self.fields[index].split()) if index < len(self.fields) else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,10 +142,10 @@ class Piece:
         """Its data lines, without comments and blank ones, split at the first commas."""
         data = self.text.data
         for offset, (first, last) in enumerate(self.text.lines(self.start, self.stop)):
-            said = data[first:last].partition(b"\r")[0].strip(_BLANK)
-            if said and not (said[:1] == b"*" and _COMMENT.match(said)):
-                words = tuple(map(str.strip, said.decode("latin-1").split(",", splits)))
-                yield Row(self.text, self.line + offset, first, last, words)
+            content = data[first:last].partition(b"\r")[0].strip(_BLANK)
+            if content and not (content[:1] == b"*" and _COMMENT.match(content)):
+                fields = tuple(map(str.strip, content.decode("latin-1").split(",", splits)))
+                yield Row(self.text, self.line + offset, first, last, fields)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,17 +169,17 @@ class Block:
 
     @property
     def where(self) -> str:
-        """The keyword's place, as an error names it."""
-        return self.text.place(self.line)
+        """File and line of the keyword, for an error."""
+        return self.text.location(self.line)
 
     def option(self, name: str) -> Option | None:
         """The option `name`; None where there is none."""
-        return next((one for one in self.options if one.name == name), None)
+        return next((option for option in self.options if option.name == name), None)
 
-    def word(self, name: str) -> str:
+    def value_of(self, name: str) -> str:
         """An option's value in capitals without blanks; "" for none."""
         option = self.option(name)
-        return "" if option is None else option.word
+        return "" if option is None else option.normalized
 
     def rows(self, splits: int = -1) -> Iterator[Row]:
         """The data lines, split at the first commas."""
@@ -187,7 +187,7 @@ class Block:
             yield from piece.rows(splits)
 
     def error(self, problem: str) -> DeckError:
-        """The error that says `problem` about this block."""
+        """A DeckError at this block."""
         return DeckError(f"{self.where}: {problem}")
 
 
@@ -207,27 +207,31 @@ class Deck:
     blocks: tuple[Block, ...]
     inclusions: tuple[Inclusion, ...] = ()
 
-    def of(self, *keywords: str) -> list[Block]:
+    def blocks_of(self, *keywords: str) -> list[Block]:
         """The blocks that have one of `keywords`."""
         return [block for block in self.blocks if block.keyword in keywords]
 
     @property
     def unread(self) -> str:
         """A remark on the files that were not read, for an error; "" for none."""
-        names = [f"{one.name} ({one.where})" for one in self.inclusions if not one.read]
+        names = [
+            f"{inclusion.name} ({inclusion.where})"
+            for inclusion in self.inclusions
+            if not inclusion.read
+        ]
         return f"; not read: {', '.join(names)}" if names else ""
 
 
-def squeezed(text: str) -> str:
+def normalized_name(text: str) -> str:
     """A keyword, a name or a value as solvers compare it."""
     return "".join(text.replace('"', "").split()).translate(_CAPITALS)
 
 
-def whole(word: str, where: str) -> int:
-    """The whole number that `word`, at `where`, is."""
-    packed = "".join(word.split())
-    if not (packed.isascii() and packed.isdigit() and len(packed) <= _MOST_DIGITS):
-        raise DeckError(f"{where}: {word.strip()[:40]!r} where a whole number is expected")
+def parse_integer(text: str, where: str) -> int:
+    """The integer in `text`; `where` is named in an error."""
+    packed = "".join(text.split())
+    if not (packed.isascii() and packed.isdigit() and len(packed) <= _MAX_DIGITS):
+        raise DeckError(f"{where}: {text.strip()[:40]!r} where a whole number is expected")
     return int(packed)
 
 
@@ -237,9 +241,8 @@ def whole(word: str, where: str) -> int:
 def read_inp(data: bytes, *, abaqus: bool = False, resolver: Resolver | None = None) -> Deck:
     """Read a deck and, by `resolver`, the files that it includes.
 
-    `abaqus`: by the rules of Abaqus, not of ccx. There are no bytes that this cannot
-    read: what is before the first keyword, or in no keyword's place, belongs to no block
-    or to the one before it.
+    `abaqus`: by the rules of Abaqus, not of ccx. All bytes are accepted: text
+    before the first keyword belongs to no block, other text to the block before it.
 
     Raises
     ------
@@ -252,7 +255,7 @@ def read_inp(data: bytes, *, abaqus: bool = False, resolver: Resolver | None = N
 
 
 def beside(path: Path) -> Resolver:
-    """What reads the files that the deck at `path` includes: by their names, beside it."""
+    """Resolver of included files: by name, in the folder of the deck at `path`."""
 
     def resolve(name: str) -> bytes | None:
         try:
@@ -264,7 +267,7 @@ def beside(path: Path) -> Resolver:
 
 
 class _Reader:
-    """Blocks as they come together, file by file."""
+    """Reader that collects blocks file by file."""
 
     def __init__(self, abaqus: bool, resolver: Resolver | None) -> None:
         self._abaqus, self._resolver = abaqus, resolver
@@ -273,59 +276,61 @@ class _Reader:
 
     def take(self, text: Text, above: tuple[str, ...]) -> None:
         """Append the blocks of `text`, which was included by way of `above`."""
-        found = blocks_in(text, abaqus=self._abaqus)
-        before = found[0].start if found else len(text.data)
+        blocks = blocks_in(text, abaqus=self._abaqus)
+        before = blocks[0].start if blocks else len(text.data)
         self._continue(Piece(text, 0, before, 1))
-        for block in found:
+        for block in blocks:
             name = (option := block.option("INPUT")) and option.value
             if block.keyword == "INCLUDE":
                 if not name:
                     raise block.error("*INCLUDE without INPUT=")
-                if name in above or len(above) >= _DEEPEST:
+                if name in above or len(above) >= _MAX_DEPTH:
                     raise block.error(f"*INCLUDE of {name} includes itself")
-                included = self._open(name, block.where, wanted=True)
+                included = self._open(name, block.where, required=True)
                 if included is not None:
                     self.take(included, (*above, name))
                 self._continue(block.pieces[0])
                 continue
             self.blocks.append(block)
             if name:
-                wanted = block.keyword in _DATA_ELSEWHERE
-                if (other := self._open(name, block.where, wanted)) is not None:
-                    block.pieces.append(Piece(other, 0, len(other.data), 1))
+                required = block.keyword in _DATA_ELSEWHERE
+                if (file := self._open(name, block.where, required)) is not None:
+                    block.pieces.append(Piece(file, 0, len(file.data), 1))
 
     def _continue(self, piece: Piece) -> None:
         if self.blocks and piece.start < piece.stop:
             self.blocks[-1].pieces.append(piece)
 
-    def _open(self, name: str, where: str, wanted: bool) -> Text | None:
-        if len(self.inclusions) >= _MOST_FILES:
-            raise DeckError(f"{where}: more than {_MOST_FILES} files are included")
-        data = self._resolver(name) if wanted and self._resolver is not None else None
-        self.inclusions.append(Inclusion(name, where, data is not None or not wanted))
+    def _open(self, name: str, where: str, required: bool) -> Text | None:
+        if len(self.inclusions) >= _MAX_FILES:
+            raise DeckError(f"{where}: more than {_MAX_FILES} files are included")
+        data = self._resolver(name) if required and self._resolver is not None else None
+        self.inclusions.append(Inclusion(name, where, data is not None or not required))
         return None if data is None else Text(data, name)
 
 
 def blocks_in(text: Text, *, abaqus: bool = False) -> list[Block]:
     """The blocks of one file, each with its lines up to the next one; no file is included."""
-    data, found = text.data, list[Block]()
+    data, blocks = text.data, list[Block]()
     starts = [match.start() for match in _KEYWORD_LINE.finditer(data)]
     line, counted = 1, 0
     for start, stop in zip(starts, [*starts[1:], len(data)], strict=False):
-        in_heading = bool(found) and found[-1].keyword == "HEADING"
+        in_heading = bool(blocks) and blocks[-1].keyword == "HEADING"
         if in_heading and not abaqus and data[start : start + 1] != b"*":
             continue  # ccx: a heading ends at a star in the first column
         line += data.count(b"\n", counted, start)
         counted = start
         head = _head_lines(text, start, stop, abaqus)
-        title, options = _words(text, head)
+        title, options = _split_head(text, head)
         end, body = text.end_of(*head[-1]), head[-1][1]
-        found.append(Block(text, squeezed(title), f"*{title}", options, line, start, end, body))
-    ends = [*(block.start for block in found[1:]), len(data)]
-    for block, end in zip(found, ends, strict=False):
+        blocks.append(
+            Block(text, normalized_name(title), f"*{title}", options, line, start, end, body)
+        )
+    ends = [*(block.start for block in blocks[1:]), len(data)]
+    for block, end in zip(blocks, ends, strict=False):
         first = block.line + data.count(b"\n", block.start, block.body)
         block.pieces.append(Piece(text, block.body, end, first))
-    return found
+    return blocks
 
 
 def _head_lines(text: Text, start: int, stop: int, abaqus: bool) -> list[tuple[int, int]]:
@@ -343,22 +348,22 @@ def _head_lines(text: Text, start: int, stop: int, abaqus: bool) -> list[tuple[i
     return head
 
 
-def _words(text: Text, head: list[tuple[int, int]]) -> tuple[str, tuple[Option, ...]]:
+def _split_head(text: Text, head: list[tuple[int, int]]) -> tuple[str, tuple[Option, ...]]:
     """The keyword, without star, and the options of its lines."""
-    found = []
+    fields = []
     for first, last in head:
-        for match in _WORD.finditer(text.data, first, text.end_of(first, last)):
-            word = match.group()
-            begin = match.start() + len(word) - len(word.lstrip(_BLANK))
-            stripped = word.strip(_BLANK)
+        for match in _HEAD_FIELD.finditer(text.data, first, text.end_of(first, last)):
+            field = match.group()
+            begin = match.start() + len(field) - len(field.lstrip(_BLANK))
+            stripped = field.strip(_BLANK)
             if stripped:
-                found.append((stripped.decode("latin-1"), begin, begin + len(stripped)))
+                fields.append((stripped.decode("latin-1"), begin, begin + len(stripped)))
     options = []
-    for said, begin, end in found[1:]:
-        key, sign, value = said.partition("=")
+    for content, begin, end in fields[1:]:
+        key, sign, value = content.partition("=")
         bare = value.strip().strip('"') if sign else None
-        options.append(Option(squeezed(key), bare, begin, end))
-    title = " ".join(found[0][0].replace("*", " ").split()).translate(_CAPITALS)
+        options.append(Option(normalized_name(key), bare, begin, end))
+    title = " ".join(fields[0][0].replace("*", " ").split()).translate(_CAPITALS)
     return title, tuple(options)
 
 
@@ -370,49 +375,50 @@ def node_sets(deck: Deck) -> dict[str, list[range]]:
 
     A set may be spread over the deck, and may name sets before it.
     """
-    found: dict[str, list[range]] = {}
-    for block in deck.of("NSET", "NODE"):
-        name = block.word("NSET")
+    sets: dict[str, list[range]] = {}
+    for block in deck.blocks_of("NSET", "NODE"):
+        name = block.value_of("NSET")
         if not name and block.keyword == "NODE":
             continue
         foreign = [option.name for option in block.options if option.name in ("ELSET", "INSTANCE")]
         if not name or foreign:
             raise block.error(f"{block.title} {f'with {foreign[0]}=' if name else 'without NSET='}")
-        runs = found.setdefault(name, [])
-        for run in members(block, found):
+        runs = sets.setdefault(name, [])
+        for run in members(block, sets):
             last = runs[-1] if runs else range(0)
             if runs and last.step == run.step and last.stop == run.start:
                 runs[-1] = range(last.start, run.stop, run.step)
             else:
                 runs.append(run)
-    return found
+    return sets
 
 
-def members(block: Block, known: Mapping[str, list[range]]) -> Iterator[range]:
-    """Numbers that a block puts into its set; sets that it names are in `known`.
+def members(block: Block, sets: Mapping[str, list[range]]) -> Iterator[range]:
+    """Numbers that a block puts into its set; sets that it names are in `sets`.
 
     ``*NODE`` and ``*ELEMENT`` put in the number that each of their lines begins with.
     """
     listed = block.keyword in ("NSET", "ELSET")
     generated = block.option("GENERATE") is not None
     for row in block.rows() if listed else block.rows(splits=1):
-        words = [word for word in (row.words if listed else row.words[:1]) if word]
+        fields = [text for text in (row.fields if listed else row.fields[:1]) if text]
         if listed and generated:
-            first, last, step = (*(_member(word, row.where) for word in words), 1, 0, 0)[:3]
-            if len(words) not in (2, 3) or step < 1 or last < first:
-                raise DeckError(f"{row.where}: {','.join(words)!r}, expected first, last, step")
+            first, last, step = (*(_member(text, row.where) for text in fields), 1, 0, 0)[:3]
+            if len(fields) not in (2, 3) or step < 1 or last < first:
+                content = ",".join(fields)
+                raise DeckError(f"{row.where}: {content!r}, expected first, last, step")
             yield range(first, last + 1, step)
             continue
-        for word in words:
-            if listed and not word.isdigit() and squeezed(word) in known:
-                yield from list(known[squeezed(word)])
+        for text in fields:
+            if listed and not text.isdigit() and normalized_name(text) in sets:
+                yield from list(sets[normalized_name(text)])
             else:
-                number = _member(word, row.where)
+                number = _member(text, row.where)
                 yield range(number, number + 1)
 
 
-def _member(word: str, where: str) -> int:
-    """The number that `word` puts into a set; CalculiX takes ``5 3`` for 53, we do not."""
-    if len(word.split()) > 1:
-        raise DeckError(f"{where}: {word.strip()[:40]!r}, expected one number between commas")
-    return whole(word, where)
+def _member(text: str, where: str) -> int:
+    """The number in a field of a set; unlike CalculiX, ``5 3`` is not read as 53."""
+    if len(text.split()) > 1:
+        raise DeckError(f"{where}: {text.strip()[:40]!r}, expected one number between commas")
+    return parse_integer(text, where)

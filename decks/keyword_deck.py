@@ -1,9 +1,9 @@
-"""Decks of keywords, for CalculiX and Abaqus: the lines of numbers, and what fills the template.
+"""Keyword decks for CalculiX and Abaqus: number lines and the values of the templates.
 
-``keyword_deck.inp.j2`` is what both have in common; ``abaqus.inp.j2`` is all that Abaqus's
-decks need beside it, CalculiX's are in `decks.calculix`. No Abaqus was at hand: its deck rests on
-its keyword reference, and was parsed back, not run. ccx cuts a number at 20 characters
-without a word and takes at most 16 entries a line, of an amplitude four pairs.
+``keyword_deck.inp.j2`` is common to both; ``abaqus.inp.j2`` has the parts for Abaqus, and
+`decks.calculix` those for CalculiX. The Abaqus deck follows the keyword reference of Abaqus; it
+was parsed back, but not run, because no Abaqus was available. ccx truncates a number at 20
+characters without a warning and reads at most 16 entries a line, in an amplitude four pairs.
 """
 
 from collections.abc import Iterable, Sequence
@@ -27,13 +27,13 @@ _HEADING_WIDTH = 78
 
 
 def real(number: float) -> str:
-    """The shortest text of a number, or 13 digits where that is too long."""
+    """The shortest exact text of a number, or 13 digits if that is too long."""
     text = repr(float(number))
     return text if len(text) <= LONGEST_NUMBER else f"{float(number):.12E}"
 
 
 def fixed(number: float, digits: int) -> str:
-    """A number with `digits` decimals; where they are too few for it, `real`."""
+    """A number with `digits` decimals, or `real` if these are not exact."""
     text = f"{number:.{digits}f}"
     exact = abs(float(text) - number) <= 1e-12 * abs(number)
     return text if exact and len(text) <= LONGEST_NUMBER else real(number)
@@ -52,17 +52,17 @@ def element_lines(numbers: Sequence[int] | IntArray, nodes: IntArray) -> str:
 
 
 def list_lines(numbers: Sequence[int] | IntArray) -> str:
-    """Whole numbers, as a set lists them."""
-    words = list(map(str, np.asarray(numbers).tolist()))
-    starts = range(0, len(words), _PER_LINE)
-    return "\n".join(f"{', '.join(words[start : start + _PER_LINE])}," for start in starts)
+    """Lines of integers, as in a set."""
+    texts = list(map(str, np.asarray(numbers).tolist()))
+    starts = range(0, len(texts), _PER_LINE)
+    return "\n".join(f"{', '.join(texts[start : start + _PER_LINE])}," for start in starts)
 
 
 def pair_lines(pairs: Iterable[tuple[str, str]]) -> str:
-    """Times and values, as an amplitude lists them."""
-    words = list(chain.from_iterable(pairs))
-    starts = range(0, len(words), 2 * _PAIRS_PER_LINE)
-    return "\n".join(", ".join(words[start : start + 2 * _PAIRS_PER_LINE]) for start in starts)
+    """Lines of times and values, as in an amplitude."""
+    texts = list(chain.from_iterable(pairs))
+    starts = range(0, len(texts), 2 * _PAIRS_PER_LINE)
+    return "\n".join(", ".join(texts[start : start + 2 * _PAIRS_PER_LINE]) for start in starts)
 
 
 # ---- A deck
@@ -74,23 +74,23 @@ def keyword_deck(
     sections: Sequence[ElementSet],
     steps: Sequence[tuple[Phase, bool]],
     branches: Sequence[tuple[ElementSet, float]] = (),
-    **words: Any,  # noqa: ANN401 - what the template asks for
+    **values: Any,  # noqa: ANN401 - variables of the template
 ) -> str:
-    """`model` by a template of this folder: materials of `sections`, and `steps`.
+    """The deck of `model` from a template of this folder, with `sections` and `steps`.
 
-    A step is a phase of the motion, and whether it writes all nodes. `branches` lie over
-    their layers and creep, per MPa and s.
+    A step is a phase of the motion, and whether it writes all nodes. `branches` are element
+    sets over their layers and their creep rate, per MPa and s.
     """
     title, *notes = (
-        text.encode("unicode_escape").decode("ascii")  # on one line, whatever was in it
+        text.encode("unicode_escape").decode("ascii")  # one line of ASCII
         for text in (f"fembridge: {model.title}", *model.notes, f"contact: {model.contact}")
     )
     node = np.unique(model.probe.node)
     probe_mm = model.probe_mesh.node_mm[node - model.first_probe_node]
-    times = [fixed(at_s, 7) for at_s in model.motion.time_s.tolist()]
+    times = [fixed(time_s, 7) for time_s in model.motion.time_s.tolist()]
 
-    def amplitude(way_mm: FloatArray) -> str:
-        depths = (f"{mm:.9f}" for mm in (way_mm + 0.0).tolist())
+    def amplitude(travel_mm: FloatArray) -> str:
+        depths = (f"{mm:.9f}" for mm in (travel_mm + 0.0).tolist())
         return pair_lines(zip(times, depths, strict=True))
 
     return template(template_name).render(
@@ -104,7 +104,7 @@ def keyword_deck(
         steps=steps,
         branches=branches,
         **LINES,
-        **words,
+        **values,
     )
 
 
@@ -115,7 +115,7 @@ def abaqus_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> str
     stress, averaged at the nodes around each afferent, is printed to the ``.dat``. Every
     `options.frames` samples the whole field goes to the ``.odb`` too.
     """
-    model = analysis.whole()
+    model = analysis.full_section()
     around = {
         name: np.concatenate(
             [layer.number[(layer.node == node).any(axis=1)] for layer in model.layers]
@@ -137,4 +137,4 @@ LINES = {
     "list_lines": list_lines,
     "t_per_mm3": 1.0e-12,  # in one kg/m3
 }
-"""What the templates write numbers with."""
+"""Functions and factors with which the templates write numbers."""

@@ -19,7 +19,7 @@ from fembridge.typing import BoolArray, FloatArray, IntArray
 # between processors, above what matters.
 DIGITS = 9
 MIN_SCALED_JACOBIAN = 0.3
-# What NumPy raises on a file that is no whole archive of arrays.
+# Exceptions of NumPy for a damaged archive of arrays.
 _DAMAGE = (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile, zlib.error)
 
 
@@ -27,8 +27,8 @@ _DAMAGE = (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFil
 class Mesh:
     """`node_mm` ``(N, 2)``, `quad` ``(E, 4)`` rows of nodes, `layer` ``(E,)``.
 
-    `layer` indexes `decks.finger.LAYERS`. Quads run counter-clockwise. One that is made
-    of a user's finger is `checked`; a stored one was.
+    `layer` indexes `decks.finger.LAYERS`. Quads run counter-clockwise. The mesh of a user's
+    finger is `checked` when it is made; stored meshes have been checked.
     """
 
     node_mm: FloatArray
@@ -55,7 +55,7 @@ class Mesh:
         return nodes, np.repeat(np.arange(count), 4), np.tile(np.arange(4), count)
 
     def outline(self) -> tuple[IntArray, IntArray, IntArray]:
-        """The edges that one element alone has, as `edges` does."""
+        """Edges that belong to one element only, in the form of `edges`."""
         nodes, element, face = self.edges()
         key = nodes.min(axis=1) * len(self.node_mm) + nodes.max(axis=1)
         _, first, count = np.unique(key, return_index=True, return_counts=True)
@@ -73,9 +73,9 @@ class Mesh:
     def with_midsides(self) -> tuple[FloatArray, IntArray]:
         """Nodes ``(M, 2)`` and quads of eight nodes ``(E, 8)``, mid-sides last."""
         nodes, _, _ = self.edges()
-        key, which = np.unique(np.sort(nodes, axis=1), axis=0, return_inverse=True)
+        key, edge_of_side = np.unique(np.sort(nodes, axis=1), axis=0, return_inverse=True)
         middle_mm = self.node_mm[key].mean(axis=1)
-        midside = len(self.node_mm) + which.reshape(-1, 4)
+        midside = len(self.node_mm) + edge_of_side.reshape(-1, 4)
         return np.concatenate([self.node_mm, middle_mm]), np.concatenate(
             [self.quad, midside], axis=1
         )
@@ -97,8 +97,8 @@ class Mesh:
         rows = np.setdiff1d(self.quad[inside], self.quad[~inside])
         if not rows.size:
             raise FingerError(f"no node lies inside {site.layer}: use more rows there")
-        wanted = np.array([site.x_mm, -site.depth_mm])
-        distance_mm = np.linalg.norm(self.node_mm[rows] - wanted, axis=1)
+        site_mm = np.array([site.x_mm, -site.depth_mm])
+        distance_mm = np.linalg.norm(self.node_mm[rows] - site_mm, axis=1)
         nearest = int(distance_mm.argmin())
         if distance_mm[nearest] > 0.3:
             raise FingerError(
@@ -116,7 +116,7 @@ class Mesh:
         Raises
         ------
         FingerError
-            A quad that is clockwise, folded or too skewed; another sum.
+            A quad is clockwise, folded or too skewed, or the sum is not 1.
         """
         worst = scaled_jacobian(self.node_mm, self.quad)
         row = int(worst.argmin())
@@ -152,7 +152,7 @@ def read_mesh(path: Path) -> Mesh:
     Raises
     ------
     FingerError
-        There is none, or it is damaged.
+        The file is missing or damaged.
     """
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
@@ -165,10 +165,10 @@ def read_mesh(path: Path) -> Mesh:
 def scaled_jacobian(node_mm: FloatArray, quad: IntArray) -> FloatArray:
     """Worst corner of each quad ``(E,)``: 1 is a rectangle, <= 0 is folded."""
     corner = node_mm[quad]
-    ahead = np.roll(corner, -1, axis=1) - corner
-    back = np.roll(corner, 1, axis=1) - corner
-    cross = ahead[..., 0] * back[..., 1] - ahead[..., 1] * back[..., 0]
-    length = np.linalg.norm(ahead, axis=2) * np.linalg.norm(back, axis=2)
+    forward = np.roll(corner, -1, axis=1) - corner
+    backward = np.roll(corner, 1, axis=1) - corner
+    cross = forward[..., 0] * backward[..., 1] - forward[..., 1] * backward[..., 0]
+    length = np.linalg.norm(forward, axis=2) * np.linalg.norm(backward, axis=2)
     with np.errstate(invalid="ignore", divide="ignore"):
         worst: FloatArray = np.nan_to_num(cross / length, nan=-1.0).min(axis=1)
     return worst
@@ -180,15 +180,15 @@ def scaled_jacobian(node_mm: FloatArray, quad: IntArray) -> FloatArray:
 # outline, and the mesh is that of before elsewhere.
 
 
-def refined(mesh: Mesh, at_mm: tuple[float, float], radius_mm: float) -> Mesh:
-    """Cut in three what has a node within `radius_mm` of the point `at_mm`.
+def refined(mesh: Mesh, center_mm: tuple[float, float], radius_mm: float) -> Mesh:
+    """Elements with a node within `radius_mm` of `center_mm` cut in three both ways.
 
     Raises
     ------
     FingerError
         An element beside the fine ones is too skewed.
     """
-    near = np.linalg.norm(mesh.node_mm - np.array(at_mm), axis=1) <= radius_mm
+    near = np.linalg.norm(mesh.node_mm - np.array(center_mm), axis=1) <= radius_mm
     fine = _fine_nodes(mesh.quad, near)
     cut = _Cut(mesh.node_mm)
     quads: list[list[int]] = []
@@ -202,7 +202,7 @@ def refined(mesh: Mesh, at_mm: tuple[float, float], radius_mm: float) -> Mesh:
             pieces = cut.four(*quad[first:], *quad[:first])
         quads += pieces
         layers += [layer] * len(pieces)
-    return Mesh(np.array(cut.place_mm), np.array(quads), np.array(layers)).checked()
+    return Mesh(np.array(cut.node_mm), np.array(quads), np.array(layers)).checked()
 
 
 def _fine_nodes(quad: IntArray, near: BoolArray) -> BoolArray:
@@ -221,7 +221,7 @@ class _Cut:
     """Nodes, the old ones first; an edge that two elements share is cut once."""
 
     def __init__(self, node_mm: FloatArray) -> None:
-        self.place_mm = list(node_mm)
+        self.node_mm = list(node_mm)
         self._edges: dict[tuple[int, int], tuple[int, int]] = {}
 
     def nine(self, a: int, b: int, c: int, d: int) -> list[list[int]]:
@@ -248,7 +248,7 @@ class _Cut:
         corners there are half right angles, but not before the middle.
         """
         left, right = self._edge(a, b)
-        a_mm, b_mm, c_mm, d_mm = (self.place_mm[node] for node in (a, b, c, d))
+        a_mm, b_mm, c_mm, d_mm = (self.node_mm[node] for node in (a, b, c, d))
         height_mm = 0.5 * (np.linalg.norm(c_mm - b_mm) + np.linalg.norm(a_mm - d_mm))
         share = max(0.5, 1 - float(np.linalg.norm(b_mm - a_mm) / (3 * height_mm)))
         under_left, under_right = (self._inside((a, b, c, d), s / 3, share) for s in (1, 2))
@@ -262,17 +262,17 @@ class _Cut:
     def _edge(self, start: int, end: int) -> tuple[int, int]:
         """The two nodes on the edge from `start` to `end`, in that order."""
         if (start, end) not in self._edges:
-            a_mm, b_mm = self.place_mm[start], self.place_mm[end]
+            a_mm, b_mm = self.node_mm[start], self.node_mm[end]
             pair = self._add((2 * a_mm + b_mm) / 3), self._add((a_mm + 2 * b_mm) / 3)
             self._edges[start, end], self._edges[end, start] = pair, pair[::-1]
         return self._edges[start, end]
 
     def _inside(self, quad: tuple[int, ...], s: float, t: float) -> int:
         """A new node inside `quad`: `s` along its first side, `t` across."""
-        a_mm, b_mm, c_mm, d_mm = (self.place_mm[node] for node in quad)
+        a_mm, b_mm, c_mm, d_mm = (self.node_mm[node] for node in quad)
         near_mm, far_mm = (1 - s) * a_mm + s * b_mm, (1 - s) * d_mm + s * c_mm
         return self._add((1 - t) * near_mm + t * far_mm)
 
     def _add(self, point_mm: FloatArray) -> int:
-        self.place_mm.append(np.round(point_mm, DIGITS) + 0.0)
-        return len(self.place_mm) - 1
+        self.node_mm.append(np.round(point_mm, DIGITS) + 0.0)
+        return len(self.node_mm) - 1

@@ -26,8 +26,8 @@ from decks.mesh import DIGITS, MIN_SCALED_JACOBIAN, Mesh, scaled_jacobian
 from decks.section import Section, section_of
 from fembridge.errors import FingerError, MissingError
 
-# More than a solver can take in a day, and than gmsh makes in minutes.
-MOST_ELEMENTS = 200_000
+# More would take a solver more than a day, and gmsh more than minutes.
+MAX_ELEMENTS = 200_000
 
 # Where the free quads come out too skewed, other widths far from the probe often
 # help; these are tried in turn.
@@ -39,18 +39,18 @@ Surface = tuple[int, int]
 
 # A boundary is a spline through this many points a column, at least.
 _SAMPLES_A_COLUMN = 16
-_LEAST_SAMPLES = 64
+_MIN_SAMPLES = 64
 _BONE_SAMPLES = 200
 # The afferent's point on the axis stays this far from dermis and bone.
-_CLEAR_MM = 0.03
+_CLEARANCE_MM = 0.03
 # Growth of neighbouring columns beyond the ridges.
 _GROWTH = 1.12
-# Closer to x = 0 than this is on it.
+# Tolerance for nodes on x = 0.
 _ON_AXIS_MM = 1e-7
 # A node that moves less than this share of its shortest edge folds nothing.
-_ALONE_SHARE = 0.45
-# A longer way fades out over this many times its length.
-_REACH_WAYS = 6.0
+_SINGLE_NODE_SHARE = 0.45
+# A longer shift fades out over this many times its length.
+_REACH_FACTOR = 6.0
 SYSTEM_PACKAGES = "libglu1-mesa libgl1 libxcursor1 libxft2 libxinerama1 libgomp1"
 
 _OPTIONS = {
@@ -77,10 +77,10 @@ def mesh_finger(finger: Finger) -> Mesh:
     """
     section = section_of(finger)
     count = _expected_elements(section)
-    if count > MOST_ELEMENTS:
+    if count > MAX_ELEMENTS:
         raise FingerError(
             f"this resolution makes about {count:.0f} elements, expected at most "
-            f"{MOST_ELEMENTS}: use wider columns or fewer rows"
+            f"{MAX_ELEMENTS}: use wider columns or fewer rows"
         )
     problem = ""
     for stretch in _STRETCHES:
@@ -117,7 +117,7 @@ def _rows(finger: Finger) -> tuple[int, int, int]:
 
 
 def _collect(gmsh: Any, surfaces: Sequence[Surface]) -> Mesh:  # noqa: ANN401 - untyped
-    """What gmsh made of the right half: the elements of its surfaces, counter-clockwise."""
+    """The mesh that gmsh made of the right half, with counter-clockwise elements."""
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     row_of = np.full(int(max(tags)) + 1, -1, dtype=np.int64)
     row_of[tags.astype(np.int64)] = np.arange(len(tags))
@@ -143,8 +143,8 @@ def _draw(geometry: Any, section: Section, far_mm: float) -> list[Surface]:  # n
     finger = section.finger
     surfaces: list[Surface] = []
 
-    def point(place_mm: Iterable[float]) -> Any:  # noqa: ANN401 - untyped
-        return geometry.add_point([*place_mm, 0.0])
+    def point(point_mm: Iterable[float]) -> Any:  # noqa: ANN401 - untyped
+        return geometry.add_point([*point_mm, 0.0])
 
     def divided(curve: Any, division: Division) -> Any:  # noqa: ANN401 - untyped
         geometry.set_transfinite_curve(curve, division.count + 1, "Progression", division.growth)
@@ -156,7 +156,7 @@ def _draw(geometry: Any, section: Section, far_mm: float) -> list[Surface]:  # n
         knots: list[Any] = []
         curves: list[Any] = []
         for start_mm, end_mm, division in columns_of(section, far_mm):
-            samples = max(_SAMPLES_A_COLUMN * division.count, _LEAST_SAMPLES)
+            samples = max(_SAMPLES_A_COLUMN * division.count, _MIN_SAMPLES)
             first, *inner, last = section.curve(depth, np.linspace(start_mm, end_mm, samples + 1))
             knots += [point(first)] if not knots else []
             knots.append(point(last))
@@ -180,29 +180,29 @@ def _draw(geometry: Any, section: Section, far_mm: float) -> list[Surface]:  # n
     # Subcutaneous tissue and bone, below the lower side of the dermis.
     dermis, knots = boundaries[-1]
     points = section.bone(np.linspace(0.0, np.pi, _BONE_SAMPLES + 1))
-    bone_knots = [point(place_mm) for place_mm in points]
-    way_mm = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-    bone = divided(geometry.add_spline(bone_knots), even(way_mm, far_mm))
+    bone_knots = [point(point_mm) for point_mm in points]
+    length_mm = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    bone = divided(geometry.add_spline(bone_knots), even(length_mm, far_mm))
     middle = geometry.add_line(bone_knots[-1], bone_knots[0])
     divided(middle, even(2 * finger.bone.half_height_mm, far_mm))
     bottom_line = geometry.add_line(bone_knots[-1], knots[-1])
     # The line from dermis to bone has a node where an afferent sits.
     fine_mm = finger.skin.dermis_mm / finger.resolution.dermis_rows
-    here, here_mm, axis = knots[0], finger.skin.dermis_depth_mm, []
+    start, start_mm, axis = knots[0], finger.skin.dermis_depth_mm, []
     bone_mm = finger.bone.depth_mm - finger.bone.half_height_mm
     sites_mm = {
         site.depth_mm
         for site in finger.afferents.values()
         if (site.layer, site.x_mm) == ("subcutaneous_tissue", 0)
-        and here_mm + _CLEAR_MM < site.depth_mm < bone_mm - _CLEAR_MM
+        and start_mm + _CLEARANCE_MM < site.depth_mm < bone_mm - _CLEARANCE_MM
     }
     for stop_mm in sorted(sites_mm):
-        there = point((0.0, -stop_mm))
-        division = graded(stop_mm - here_mm, fine_mm, fine_mm)
-        axis.append(divided(geometry.add_line(here, there), division))
-        here, here_mm = there, stop_mm
-    last_line = geometry.add_line(here, bone_knots[0])
-    axis.append(divided(last_line, graded(-points[0, 1] - here_mm, fine_mm, far_mm)))
+        end = point((0.0, -stop_mm))
+        division = graded(stop_mm - start_mm, fine_mm, fine_mm)
+        axis.append(divided(geometry.add_line(start, end), division))
+        start, start_mm = end, stop_mm
+    last_line = geometry.add_line(start, bone_knots[0])
+    axis.append(divided(last_line, graded(-points[0, 1] - start_mm, fine_mm, far_mm)))
     below_mm = points[-1, 1] - float(knots[-1].x[1])
     divided(bottom_line, graded(below_mm, far_mm, far_mm))
     around = [*dermis, -bottom_line, -bone, *(-line for line in reversed(axis))]
@@ -237,7 +237,7 @@ def columns_of(section: Section, far_mm: float) -> list[tuple[float, float, Divi
         ridged_mm + max(far_mm * _GROWTH - fine_mm, 0.3) / (_GROWTH - 1),
         0.5 * (ridged_mm + nail_mm),
     )
-    patches, here_mm = [], 0.0
+    patches, start_mm = [], 0.0
     for end_mm, first_mm, last_mm in (
         (min(resolution.contact_half_width_mm, ridged_mm), *2 * (resolution.contact_mm,)),
         (ridged_mm, fine_mm, fine_mm),
@@ -245,9 +245,9 @@ def columns_of(section: Section, far_mm: float) -> list[tuple[float, float, Divi
         (nail_mm, far_mm, far_mm),
         (section.end_arc_mm, far_mm, far_mm),
     ):
-        if end_mm - here_mm >= 1e-9:
-            patches.append((here_mm, end_mm, graded(end_mm - here_mm, first_mm, last_mm)))
-            here_mm = end_mm
+        if end_mm - start_mm >= 1e-9:
+            patches.append((start_mm, end_mm, graded(end_mm - start_mm, first_mm, last_mm)))
+            start_mm = end_mm
     return patches
 
 
@@ -281,40 +281,40 @@ def snapped(half: Mesh, sites: Iterable[AfferentSite]) -> Mesh:
     stay on the axis, and the layer's boundaries stay where they are. Where
     the elements would not bear it nothing moves.
     """
-    taken: list[int] = []
+    used_rows: list[int] = []
     for site in sites:
-        if (found := _with_node_at(half, site, taken)) is not None:
-            half, row = found
-            taken.append(row)
+        if (moved := _with_node_at(half, site, used_rows)) is not None:
+            half, row = moved
+            used_rows.append(row)
     return half
 
 
-def _with_node_at(half: Mesh, site: AfferentSite, taken: list[int]) -> tuple[Mesh, int] | None:
-    """`half` with a node on the site, none of those `taken`, and its row; None: it cannot be."""
-    mine = half.in_layer(site.layer)
-    inner = np.setdiff1d(half.quad[mine], half.quad[~mine])
-    wanted = np.array([abs(site.x_mm), -site.depth_mm])
-    wanted[0] *= wanted[0] >= _ON_AXIS_MM
-    there = (half.node_mm[taken] == wanted).all(axis=1)
-    inner = np.setdiff1d(inner, taken)
+def _with_node_at(half: Mesh, site: AfferentSite, used_rows: list[int]) -> tuple[Mesh, int] | None:
+    """`half` with a node moved onto the site, not one of `used_rows`, and its row; else None."""
+    in_layer = half.in_layer(site.layer)
+    inner = np.setdiff1d(half.quad[in_layer], half.quad[~in_layer])
+    target_mm = np.array([abs(site.x_mm), -site.depth_mm])
+    target_mm[0] *= target_mm[0] >= _ON_AXIS_MM
+    occupied = (half.node_mm[used_rows] == target_mm).all(axis=1)
+    inner = np.setdiff1d(inner, used_rows)
     on_axis = np.abs(half.node_mm[inner, 0]) < _ON_AXIS_MM
-    like = inner[on_axis == (wanted[0] < _ON_AXIS_MM)]
-    if there.any() or not like.size:
+    candidates = inner[on_axis == (target_mm[0] < _ON_AXIS_MM)]
+    if occupied.any() or not candidates.size:
         return None
-    row = int(like[np.linalg.norm(half.node_mm[like] - wanted, axis=1).argmin()])
-    way_mm = wanted - half.node_mm[row]
-    reach_mm = max(_REACH_WAYS * float(np.linalg.norm(way_mm)), _ON_AXIS_MM)
-    away_mm = np.linalg.norm(half.node_mm[inner] - half.node_mm[row], axis=1)
-    share = np.clip(1 - away_mm / reach_mm, 0.0, None)
-    alone, around = half.node_mm.copy(), half.node_mm.copy()
-    around[inner] = np.round(around[inner] + share[:, None] * way_mm, DIGITS)
-    around[inner[on_axis], 0] = half.node_mm[inner[on_axis], 0]
+    row = int(candidates[np.linalg.norm(half.node_mm[candidates] - target_mm, axis=1).argmin()])
+    shift_mm = target_mm - half.node_mm[row]
+    reach_mm = max(_REACH_FACTOR * float(np.linalg.norm(shift_mm)), _ON_AXIS_MM)
+    distance_mm = np.linalg.norm(half.node_mm[inner] - half.node_mm[row], axis=1)
+    share = np.clip(1 - distance_mm / reach_mm, 0.0, None)
+    single, neighbourhood = half.node_mm.copy(), half.node_mm.copy()
+    neighbourhood[inner] = np.round(neighbourhood[inner] + share[:, None] * shift_mm, DIGITS)
+    neighbourhood[inner[on_axis], 0] = half.node_mm[inner[on_axis], 0]
     edges, _, _ = half.edges()
     start, end = half.node_mm[edges[(edges == row).any(axis=1)]].swapaxes(0, 1)
     shortest_mm = np.linalg.norm(start - end, axis=1).min()
-    near = np.linalg.norm(way_mm) <= _ALONE_SHARE * shortest_mm
-    for node_mm in (alone, around) if near else (around,):
-        node_mm[row] = wanted
+    near = np.linalg.norm(shift_mm) <= _SINGLE_NODE_SHARE * shortest_mm
+    for node_mm in (single, neighbourhood) if near else (neighbourhood,):
+        node_mm[row] = target_mm
         if scaled_jacobian(node_mm, half.quad).min() >= MIN_SCALED_JACOBIAN:
             return Mesh(node_mm, half.quad, half.layer), row
     return None
@@ -383,11 +383,11 @@ def _signals_kept() -> Iterator[None]:
     worker that died would end us without a word; SIGTERM and SIGHUP, so that we would not unwind.
     """
     sigaction = ctypes.CDLL(None).sigaction
-    kept = {number: ctypes.create_string_buffer(256) for number in signal.valid_signals()}
-    for number, action in kept.items():
+    actions = {number: ctypes.create_string_buffer(256) for number in signal.valid_signals()}
+    for number, action in actions.items():
         sigaction(number, None, action)
     try:
         yield
     finally:
-        for number, action in kept.items():
+        for number, action in actions.items():
             sigaction(number, action, None)

@@ -1,10 +1,9 @@
-"""The probe's way into the skin, increment by increment, and what leads up to it.
+"""The motion of the probe, increment by increment, with the approach to the pre-indentation.
 
-Stress that depends on depth alone needs no more than equal increments of one step.
-Where the skin relaxes, the probe first takes its place: a static ramp, then a hold
-until nothing relaxes any more. Only then the waveform begins. Where inertia counts,
-the ramp is a smooth one in the same step, and increments are half a sample long:
-with whole ones force was off by an eighth, with half ones by a sixtieth (100 Hz).
+If stress depends on depth only, equal increments of one step suffice. If the skin relaxes,
+the probe is first ramped in statically and held until the skin has relaxed; then the waveform
+begins. With inertia, the ramp is smooth and in the same step, and increments are half a sample
+long: the error of the force was an eighth with whole samples and a sixtieth with half (100 Hz).
 """
 
 from dataclasses import dataclass
@@ -15,17 +14,17 @@ from fembridge.errors import DeckError
 from fembridge.stimulus import Stimulus
 from fembridge.typing import FloatArray
 
-# A pre-indentation is reached in this many increments before the stimulus.
+# Increments of the ramp to a pre-indentation.
 RAMP_INCREMENTS = 20
-# A hold has few long increments: backward Euler, by which solvers relax, leaves
-# 1/(1 + 5) of a branch in each of them, together 0.8 per thousand.
+# A hold has few long increments: solvers relax by backward Euler, which leaves 1/(1 + 5) of a
+# branch in each of them, after four 0.8 per thousand.
 HOLD_INCREMENTS = 4
 _HOLD_TIME_CONSTANTS = 5.0
-# Of a smooth ramp, in samples; and increments to a sample, where inertia counts.
+# With inertia: samples of the smooth ramp, and increments per sample.
 SMOOTH_RAMP = 40
 SUBSTEPS = 2
 _MM_PER_UM = 1.0e-3
-# Depths are written to a picometre.
+# Tolerance: depths are written to a picometre.
 _SAME_UM = 1.0e-6
 _S_PER_MS = 1.0e-3
 
@@ -34,8 +33,8 @@ _S_PER_MS = 1.0e-3
 class Phase:
     """A step of the solver: equal increments of `dt_s`.
 
-    `procedure` is ``static``, ``viscous`` or ``dynamic``. Every so many increments, `every`, are
-    a sample, and written.
+    `procedure` is ``static``, ``viscous`` or ``dynamic``. A sample is `every` increments long;
+    results are written at each sample.
     """
 
     procedure: str
@@ -46,13 +45,12 @@ class Phase:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """The probe's way into the skin: `depth_mm` ``(T,)`` at `time_s` ``(T,)``.
+    """The motion of the probe: `depth_mm` ``(T,)`` at the solver times `time_s` ``(T,)``.
 
-    The solver takes the increments of `phases`, one a time; `ramp` of them lie before
-    the stimulus and lead to its pre-indentation. From there on a sample of the
-    stimulus comes every `dt_s`, an increment or two of the last phase. Someone's own deck
-    has its own steps, and takes no phases. `aside_mm` ``(T,)`` is the way along x, None where
-    there is none.
+    `phases` are the solver's steps, with one increment for each interval of `time_s`. The first
+    `ramp` increments lead to the pre-indentation; then samples of the stimulus follow every
+    `dt_s`, one or two increments of the last phase each. A base deck has its own steps and
+    ignores `phases`. `aside_mm` ``(T,)`` is the displacement along x, None without sliding.
     """
 
     time_s: FloatArray
@@ -74,10 +72,10 @@ class Motion:
 
 
 def motion_of(stimulus: Stimulus, procedure: str = "static", relaxing_s: float = 0.0) -> Motion:
-    """Put the way to the pre-indentation in front of `stimulus`.
+    """The motion of `stimulus`, with the approach to its pre-indentation before it.
 
-    `relaxing_s` is the longest time constant of the skin, 0 where none relaxes: the
-    probe is held at the pre-indentation until that is over.
+    `relaxing_s` is the longest time constant of the skin in s, 0 without relaxation; the probe
+    is held at the pre-indentation for five of these times.
 
     Raises
     ------
@@ -95,7 +93,7 @@ def motion_of(stimulus: Stimulus, procedure: str = "static", relaxing_s: float =
     depth_mm = stimulus.displacement_um * _MM_PER_UM
     aside_mm = None if stimulus.aside_um is None else stimulus.aside_um * _MM_PER_UM
     if procedure == "dynamic":
-        return _smooth(depth_mm, aside_mm, dt_s, SMOOTH_RAMP if ramp else 0)
+        return _dynamic_motion(depth_mm, aside_mm, dt_s, SMOOTH_RAMP if ramp else 0)
     way_mm = np.linspace(0.0, depth_mm[0], ramp + 1)[:-1]
     samples = len(depth_mm) - 1
     if procedure == "static":
@@ -110,7 +108,7 @@ def motion_of(stimulus: Stimulus, procedure: str = "static", relaxing_s: float =
             Phase(procedure, dt_s, samples),
         )
         phases = tuple(phase for phase in stages if phase.increments)
-        steps_s = [np.full(one.increments, one.dt_s) for one in phases]
+        steps_s = [np.full(phase.increments, phase.dt_s) for phase in phases]
         time_s = np.concatenate([[0.0], np.cumsum(np.concatenate(steps_s))])
     before = len(time_s) - 1 - samples
     held_mm = np.full(before - ramp, depth_mm[0])
@@ -121,24 +119,26 @@ def motion_of(stimulus: Stimulus, procedure: str = "static", relaxing_s: float =
     )
 
 
-def _smooth(depth_mm: FloatArray, aside_mm: FloatArray | None, dt_s: float, ramp: int) -> Motion:
-    """One step for where inertia counts: a smooth ramp, and more than a time a sample."""
+def _dynamic_motion(
+    depth_mm: FloatArray, aside_mm: FloatArray | None, dt_s: float, ramp: int
+) -> Motion:
+    """One dynamic step: a smooth ramp, then the waveform, in increments of half a sample."""
     share = 0.5 * (1 - np.cos(np.pi * np.arange(ramp) / SMOOTH_RAMP))
-    way_mm = np.concatenate([share * depth_mm[0], depth_mm[:1]])
-    fine_mm = np.concatenate([_finer(way_mm)[:-1], _finer(depth_mm)])
+    ramp_mm = np.concatenate([share * depth_mm[0], depth_mm[:1]])
+    fine_mm = np.concatenate([_halve_steps(ramp_mm)[:-1], _halve_steps(depth_mm)])
     if aside_mm is not None:
-        aside_mm = np.concatenate([np.zeros(SUBSTEPS * ramp), _finer(aside_mm)])
+        aside_mm = np.concatenate([np.zeros(SUBSTEPS * ramp), _halve_steps(aside_mm)])
     fine_s, count = dt_s / SUBSTEPS, len(fine_mm)
     time_s = np.arange(count, dtype=np.float64) * fine_s
     steps = (Phase("dynamic", fine_s, count - 1, SUBSTEPS),)
     return Motion(time_s, fine_mm, dt_s, SUBSTEPS * ramp, steps, aside_mm)
 
 
-def _finer(samples: FloatArray) -> FloatArray:
-    """Put a value between each two samples: on the cubic through the four around it.
+def _halve_steps(samples: FloatArray) -> FloatArray:
+    """Samples at half the time step: each new one is on the cubic through four neighbours.
 
-    On a straight line between two samples the probe would change its speed at each.
-    Beyond the ends the samples are taken to go straight on.
+    Linear interpolation would change the speed of the probe at each sample. Beyond both ends
+    the samples are extrapolated linearly.
     """
     if len(samples) == 1:
         return samples

@@ -1,8 +1,8 @@
 """The fingers to choose from: `quick` and `paper` with their stored meshes, and files.
 
 ``python -m decks.presets`` meshes the presets again with gmsh and rewrites the stored
-files; with the same gmsh the bytes do not change. Ten lines of TOML make another finger:
-a preset, and what is different about this one::
+files; with the same gmsh the bytes do not change. A few lines of TOML define another
+finger as a preset with changes::
 
     base = "quick"
 
@@ -50,12 +50,12 @@ _NAME_LENGTH = 60
 
 
 def mesh_of(finger: Finger) -> Mesh:
-    """Mesh of `finger`: the stored one where only materials differ from a preset.
+    """Mesh of `finger`: the stored one if only the materials differ from a preset.
 
     Raises
     ------
     MissingError, FingerError
-        The finger needs a mesh of its own; see `decks.mesher.mesh_finger`.
+        The finger needs a new mesh; see `decks.mesher.mesh_finger`.
     """
     for preset in PRESETS.values():
         if finger == replace(preset, name=finger.name, materials=finger.materials):
@@ -66,7 +66,7 @@ def mesh_of(finger: Finger) -> Mesh:
 
 
 def model_of(finger: Finger) -> Model:
-    """`finger` and its mesh under the usual probe; see `mesh_of` for errors."""
+    """`finger` and its mesh under the default probe; see `mesh_of` for errors."""
     return Model(finger, mesh_of(finger))
 
 
@@ -89,10 +89,10 @@ def read_finger(preset_or_path: str) -> Finger:
         return PRESETS[preset_or_path]
     path = Path(preset_or_path)
     try:
-        there = path.is_file()
+        is_file = path.is_file()
     except OSError:  # a name that is too long
-        there = False
-    if not there:
+        is_file = False
+    if not is_file:
         raise UsageError(
             f"finger {preset_or_path!r}: neither a preset ({', '.join(PRESETS)}) nor a file"
         )
@@ -108,22 +108,22 @@ def finger_from(table: Mapping[str, Any], name: str) -> Finger:
     base = table.get("base", "quick")
     if not isinstance(base, str) or base not in PRESETS:
         raise FingerError(f"base {base!r}, expected one of {', '.join(PRESETS)}")
-    own = {key: value for key, value in table.items() if key != "base"}
-    return finger_with(replace(PRESETS[base], name=name), own)
+    overrides = {key: value for key, value in table.items() if key != "base"}
+    return finger_with(replace(PRESETS[base], name=name), overrides)
 
 
 def finger_with(finger: Finger, table: Mapping[str, Any]) -> Finger:
-    """`finger` with what a TOML table says in place of its own."""
+    """`finger` with the values of a TOML table."""
     for part, names in (("materials", LAYERS), ("afferents", SITES)):
-        there = table.get(part)
-        for key in there if isinstance(there, Mapping) else ():
+        section = table.get(part)
+        for key in section if isinstance(section, Mapping) else ():
             if key not in names:
                 raise FingerError(
                     f"{part}: unknown key {key!r}, expected {', '.join(names)}"
                     + near_hint(str(key), names)
                 )
     finger = changed(finger, table, FingerError)
-    # The name is in decks and reports, and becomes a file's.
+    # The name is used in decks and reports and as a file name.
     printable = 0 < len(finger.name) <= _NAME_LENGTH and finger.name.isprintable()
     if not printable or finger.name.startswith((".", " ")) or set(finger.name) & set("/\\"):
         raise FingerError(
@@ -134,16 +134,16 @@ def finger_with(finger: Finger, table: Mapping[str, Any]) -> Finger:
 
 
 def finger_table(finger: Finger) -> dict[str, Any]:
-    """`finger` as TOML has it, sizes and materials in full.
+    """`finger` as a TOML table, with all sizes and materials.
 
-    Prony terms and densities are there where they differ from a preset's: what was
-    stored before there were any stays what it is.
+    Prony terms and densities are included only if they differ from the preset, so that tables
+    stored before these keys existed stay valid.
     """
     table = asdict(finger)
     for layer, material in table["materials"].items():
         material["prony"] = list(material["prony"])
-        for key, usual in (("prony", []), ("density_kg_m3", TABLE_1[layer].density_kg_m3)):
-            if material[key] == usual:
+        for key, default in (("prony", []), ("density_kg_m3", TABLE_1[layer].density_kg_m3)):
+            if material[key] == default:
                 del material[key]
     return table
 

@@ -1,7 +1,7 @@
 """The probe: a rigid body of quadrilaterals whose every node has the same motion.
 
-Its lower side is a polyline, fine beside the skin's elements; towards the inside
-a single row of quads gives it a surface that a solver can find.
+Its lower side is a polyline, fine compared with the elements of the skin; a single row of
+quads behind it gives it a surface for the contact search of a solver.
 """
 
 from dataclasses import dataclass
@@ -16,18 +16,18 @@ from fembridge.typing import FloatArray, IntArray
 
 SHAPES = ("cylinder", "flat")
 
-# A cylinder is meshed this far to both sides of its lowest point.
+# A cylinder is meshed up to this angle to both sides of its lowest point.
 _HALF_OPENING_DEG = 80.0
 _MIN_SEGMENTS = 64
 _SEGMENT_MM = 0.02
 _INNER_SHARE = 0.7
-# Of a punch's edges; of a narrow punch a share of its width.
+# Radius at the edges of a punch; a share of the width if the punch is narrow.
 _FILLET_MM = 0.1
 _FILLET_SHARE = 0.25
-_LEAST_FILLET_MM = 0.001
+_MIN_FILLET_MM = 0.001
 _FILLET_SEGMENTS = 16
-# A flat side narrower than this is none.
-_NO_WIDTH_MM = 1e-6
+# A narrower flat side is omitted.
+_MIN_FLAT_MM = 1e-6
 _SAME_HEIGHT_MM = 1e-6
 _DIGITS = 9
 
@@ -37,8 +37,8 @@ class Probe(Ranged):
     """A cylinder of `diameter_mm`, or a flat punch of that width.
 
     `fillet_mm` rounds the punch's edges (a sharp edge has no finite stress under it);
-    unless it is given it is 0.1, or a quarter of a narrow punch's width. `x_mm` is where
-    the probe's middle stands. 1 mm: the indentor of Ishizuka et al., section 3.2.
+    the default is 0.1, or a quarter of the width of a narrow punch. `x_mm` is the position of
+    the middle of the probe. 1 mm: the indentor of Ishizuka et al., section 3.2.
     """
 
     shape: str = "cylinder"
@@ -58,11 +58,13 @@ class Probe(Ranged):
             widest_mm = _FILLET_SHARE * self.diameter_mm if self.shape == "flat" else _FILLET_MM
             object.__setattr__(self, "fillet_mm", min(_FILLET_MM, widest_mm))
         Ranged.__post_init__(self)
-        sound = self.fillet_mm == 0 or _LEAST_FILLET_MM <= self.fillet_mm <= 0.5 * self.diameter_mm
-        if self.shape == "flat" and not sound:
+        fillet_fits = (
+            self.fillet_mm == 0 or _MIN_FILLET_MM <= self.fillet_mm <= 0.5 * self.diameter_mm
+        )
+        if self.shape == "flat" and not fillet_fits:
             raise FingerError(
                 f"fillet {self.fillet_mm:g} mm, expected 0 (a sharp edge) or from "
-                f"{_LEAST_FILLET_MM:g} mm to half the width, {0.5 * self.diameter_mm:g} mm"
+                f"{_MIN_FILLET_MM:g} mm to half the width, {0.5 * self.diameter_mm:g} mm"
             )
 
     def lower_side(self) -> FloatArray:
@@ -76,7 +78,7 @@ class Probe(Ranged):
             return np.round(points, _DIGITS) + 0.0
         half_flat_mm = radius_mm - self.fillet_mm
         floor = np.zeros((1, 2))
-        if half_flat_mm > _NO_WIDTH_MM:
+        if half_flat_mm > _MIN_FLAT_MM:
             count = 2 * max(1, round(half_flat_mm / _SEGMENT_MM))
             flat_mm = np.linspace(-half_flat_mm, half_flat_mm, count + 1)
             floor = np.stack([flat_mm, np.zeros_like(flat_mm)], -1)
@@ -88,14 +90,14 @@ class Probe(Ranged):
 
 
 def _arc(radius_mm: float, angle: FloatArray) -> FloatArray:
-    """Points of a circle that stands on the origin, at angles from there."""
+    """Points of a circle that touches the origin from above, at angles from there."""
     points: FloatArray = radius_mm * np.stack([np.sin(angle), 1 - np.cos(angle)], -1)
     return points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProbeMesh:
-    """`node_mm` ``(P, 2)`` and `quad` ``(Q, 4)``; face 0 of each quad is the skin's.
+    """`node_mm` ``(P, 2)`` and `quad` ``(Q, 4)``; face 0 of each quad faces the skin.
 
     The first ``Q + 1`` nodes are those of the lower side, from left to right.
     """
@@ -110,25 +112,26 @@ class ProbeMesh:
 
 
 def mesh_probe(
-    probe: Probe, skin: Mesh, way_mm: tuple[float, float] = (0.0, 0.0)
+    probe: Probe, skin: Mesh, travel_mm: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[ProbeMesh, int]:
-    """Mesh `probe` at first touch of `skin`, and the row of the node that it touches.
+    """Mesh of `probe` at first touch of `skin`, and the row of the node that it touches.
 
-    Of several nodes at the same height, as under a flat punch, that is the one nearest
-    the probe's middle; where no node is under a narrow probe, the nearest one.
+    Of several nodes at the same height, as under a flat punch, the node nearest to the middle
+    of the probe is taken; if no node is under a narrow probe, the nearest node.
 
     Raises
     ------
     FingerError
-        The probe stands beside the pad, or comes there on its way along x, `way_mm`.
+        The probe reaches beyond the pad, at its position or within its travel along x,
+        `travel_mm`.
     """
     outer = probe.lower_side() + np.array([probe.x_mm, 0.0])
     pad = skin.pad()
     pad_mm = skin.node_mm[pad]
-    first_mm, last_mm = outer[0, 0] + way_mm[0], outer[-1, 0] + way_mm[1]
-    if first_mm < pad_mm[0, 0] or last_mm > pad_mm[-1, 0]:
+    left_mm, right_mm = outer[0, 0] + travel_mm[0], outer[-1, 0] + travel_mm[1]
+    if left_mm < pad_mm[0, 0] or right_mm > pad_mm[-1, 0]:
         raise FingerError(
-            f"the probe spans x = {first_mm:g} to {last_mm:g} mm, expected inside the "
+            f"the probe spans x = {left_mm:g} to {right_mm:g} mm, expected inside the "
             f"pad, {pad_mm[0, 0]:g} to {pad_mm[-1, 0]:g} mm"
         )
     over_skin_mm = outer[:, 1] - np.interp(outer[:, 0], pad_mm[:, 0], pad_mm[:, 1])
@@ -141,7 +144,7 @@ def mesh_probe(
     quad = np.stack([left, left + 1, left + 1 + count, left + count], -1)
     node_mm = np.concatenate([outer, middle + _INNER_SHARE * (outer - middle)])
     node_mm[:, 1] -= lowest_mm
-    aside_mm = np.abs(pad_mm[:, 0] - 0.5 * (outer[0, 0] + outer[-1, 0]))
+    offset_mm = np.abs(pad_mm[:, 0] - 0.5 * (outer[0, 0] + outer[-1, 0]))
     if np.isfinite(gap_mm).any():
-        aside_mm[gap_mm > gap_mm.min() + _SAME_HEIGHT_MM] = np.inf
-    return ProbeMesh(np.round(node_mm, _DIGITS) + 0.0, quad), int(pad[aside_mm.argmin()])
+        offset_mm[gap_mm > gap_mm.min() + _SAME_HEIGHT_MM] = np.inf
+    return ProbeMesh(np.round(node_mm, _DIGITS) + 0.0, quad), int(pad[offset_mm.argmin()])

@@ -1,21 +1,19 @@
-"""The 82 stimuli of Ishizuka et al., appendices A to C, and the words that name them.
+"""The 82 stimuli of Ishizuka et al., appendices A to C, and their ids.
 
-A word is an id (``sine_20_250``), the beginning of ids (``sine_20`` is twelve
-stimuli, ``noise_25_250`` five, ``diharm`` twenty) or ``all``. A number that the
-appendix does not have is welcome where the id is complete: ``sine_40_100``,
-``noise_30_200_7``, and for a diharmonic both amplitudes, ``diharm_10_50_20_20``.
-Ramp-and-hold is a family without a catalogue: ``ramp_300_100_200_100`` goes 300 um deep
-in 100 ms, stays for 200 ms and comes back in 100 ms.
-Numbers may be spelled in any way: ``sine_20_250.00``.
+A selection is an id (``sine_20_250``), the beginning of ids (``sine_20`` selects twelve
+stimuli, ``noise_25_250`` five, ``diharm`` twenty) or ``all``. Numbers outside the appendix
+are accepted in a complete id: ``sine_40_100``, ``noise_30_200_7``, and for a diharmonic
+with both amplitudes, ``diharm_10_50_20_20``. Ramp-and-hold is a family without a catalogue:
+``ramp_300_100_200_100`` indents by 300 um in 100 ms, holds for 200 ms and retracts in 100 ms.
+Any spelling of a number is accepted: ``sine_20_250.00``.
 
-Ids join the family and the numbers without trailing zeros, and say all of a stimulus but
-the seed of other noise. A diharmonic of Appendix B is named by its first amplitude,
-``diharm_10_100_125``; any other one by both, ``diharm_10_100_125_125``.
+An id joins the family and the numbers without trailing zeros. It defines the stimulus, except
+for noise with another seed. The id of a diharmonic of Appendix B has its first amplitude only,
+``diharm_10_100_125``; the id of any other diharmonic has both, ``diharm_10_100_125_125``.
 
-Two of the sinusoids do not fit the geometric series that their neighbours make and are
-taken for misprints. The printed numbers are kept, in the ids and in the waveforms, so
-that tables made elsewhere still find their stimulus. No NumPy here: samples are made by
-`decks.waveform`.
+Two sinusoids do not fit the geometric series of their neighbours and are probably misprints.
+Ids and waveforms keep the printed numbers, so that stimuli in other tables are still found.
+This module does not import NumPy: `decks.waveform` makes the samples.
 """
 
 import zlib
@@ -39,11 +37,11 @@ DECIMALS = 6
 # More than any id, and short enough for a message.
 _LONGEST_NAME = 100
 
-# Beyond this a number has no six decimals; another check refuses it.
-_MOST = 1e9
+# Larger numbers are clipped for the check of decimals; another check refuses them.
+_LARGEST_CHECKED = 1e9
 
 MAX_AMPLITUDE_UM = 10_000.0
-"""10 mm: more than the thickness of the pad; such a number is no um."""
+"""10 mm: more than the thickness of the pad; a larger number is not in um."""
 
 MAX_SAMPLES = 200_001
 """100 s: a solver takes a day for as many increments."""
@@ -51,15 +49,15 @@ MAX_SAMPLES = 200_001
 LONG_WINDOW_MS = (5.0, 250.0)
 SHORT_WINDOW_MS = (100.0, 200.0)
 SLOW_SINE_HZ = 50.0
-"""Sinusoids below this are counted in the long window: 100 ms of them would hold
-fewer than five periods. The appendix has 20 Hz on one side, 50 Hz on the other."""
+"""Spikes of slower sinusoids are counted in the long window: 100 ms would contain fewer
+than five periods. In the appendix, 20 Hz is below this limit and 50 Hz is not."""
 
 REST_MS = 50.0
-"""Before a ramp the probe stands for so long, behind it for twice as long."""
+"""Rest before a ramp; the rest after it is twice as long."""
 
 MIN_BAND_HZ = 1.0
-"""Least low cutoff and least width of a noise band: less than that cannot be distinguished
-from no noise at all in 250 ms."""
+"""Minimum low cutoff and minimum width of a noise band: in 250 ms, noise below these limits
+cannot be distinguished from no noise."""
 
 SINE_AMPLITUDES_UM: dict[float, tuple[float, ...]] = {
     20: (6.71, 9.32, 12.5, 18, 25, 34.74, 48.27, 67.07, 93.19, 129.49, 179.92, 250),
@@ -87,7 +85,7 @@ NOISE_RMS_UM: dict[tuple[float, float], tuple[float, ...]] = {
 """Appendix C: root-mean-square levels in each band, low and high cutoff."""
 
 MISPRINTS_UM = {"sine_20_12.5": 12.95, "sine_100_85.98": 84.98}
-"""Ids whose printed amplitude is doubtful, with the one that fits the series."""
+"""Ids with a doubtful printed amplitude, and the amplitude that fits the series."""
 
 MISPRINT_NOTE = "two amplitudes are kept as printed though their series says " + (
     " and ".join(f"{series} ({id_})" for id_, series in MISPRINTS_UM.items())
@@ -100,10 +98,10 @@ MISPRINT_NOTE = "two amplitudes are kept as printed though their series says " +
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
-    """Numbers of a stimulus, checked when made; a class is a family.
+    """Numbers of a stimulus, checked when made; each family is a class.
 
-    `title` heads its block of the catalogue, `words` is a stimulus in words, its numbers
-    in their order.
+    `title` is the heading of the family in the catalogue; `words` is the format of a
+    description of one stimulus, which takes its numbers in order.
     """
 
     family: ClassVar[str]
@@ -113,29 +111,31 @@ class _Entry:
 
     def __post_init__(self) -> None:
         for name, number in self.numbers().items():
-            what = f"{name} of a {self.family}"
+            label = f"{name} of a {self.family}"
             if not (isfinite(number) and number > 0):
-                raise StimulusError(f"{what} must be > 0 and finite, got {number:g}")
-            millionths = min(number, _MOST) * 10**DECIMALS
+                raise StimulusError(f"{label} must be > 0 and finite, got {number:g}")
+            millionths = min(number, _LARGEST_CHECKED) * 10**DECIMALS
             if abs(millionths - round(millionths)) > 1e-3:
-                raise StimulusError(f"{what} must have at most {DECIMALS} decimals, got {number!r}")
+                raise StimulusError(
+                    f"{label} must have at most {DECIMALS} decimals, got {number!r}"
+                )
             if name.endswith("_hz") and not number < NYQUIST_HZ:
                 raise StimulusError(
-                    f"{what} must be below {NYQUIST_HZ:g}, half the "
+                    f"{label} must be below {NYQUIST_HZ:g}, half the "
                     f"sampling rate at {DT_MS:g} ms, got {number:g}"
                 )
             if name.endswith("_um") and number > MAX_AMPLITUDE_UM:
-                raise StimulusError(f"{what} must be at most {MAX_AMPLITUDE_UM:g}, got {number:g}")
+                raise StimulusError(f"{label} must be at most {MAX_AMPLITUDE_UM:g}, got {number:g}")
             if name.endswith("_ms") and (number % DT_MS or number > MAX_SAMPLES * DT_MS):
                 raise StimulusError(
-                    f"{what} must be a multiple of {DT_MS:g} up to {MAX_SAMPLES * DT_MS:g}, "
+                    f"{label} must be a multiple of {DT_MS:g} up to {MAX_SAMPLES * DT_MS:g}, "
                     f"got {number:g}"
                 )
             object.__setattr__(self, name, round(float(number), DECIMALS))
 
     def numbers(self) -> dict[str, float]:
-        """Every number of the stimulus by its name, in the order of the id."""
-        return {one.name: getattr(self, one.name) for one in fields(self)}
+        """Numbers of the stimulus by name, in the order of the id."""
+        return {item.name: getattr(self, item.name) for item in fields(self)}
 
     @property
     def id(self) -> str:
@@ -144,17 +144,17 @@ class _Entry:
 
     @property
     def window_ms(self) -> tuple[float, float]:
-        """Time in which spikes are counted."""
+        """Start and end of the window in which spikes are counted."""
         return LONG_WINDOW_MS
 
     @property
     def seed(self) -> int | None:
-        """Seed of a stimulus that is drawn; None of one that is not."""
+        """Seed of noise; None for other families."""
         return None
 
     @property
     def level_um(self) -> float:
-        """How strong it is within its set: its first number in um."""
+        """Level within its set: the first number in um."""
         return next(n for name, n in self.numbers().items() if name.endswith("_um"))
 
     @property
@@ -176,7 +176,7 @@ class Sine(_Entry):
 
     @property
     def window_ms(self) -> tuple[float, float]:
-        """Time in which spikes are counted."""
+        """Start and end of the window in which spikes are counted."""
         return LONG_WINDOW_MS if self.frequency_hz < SLOW_SINE_HZ else SHORT_WINDOW_MS
 
 
@@ -197,7 +197,7 @@ class Diharmonic(_Entry):
 
     @property
     def id(self) -> str:
-        """Name of the stimulus: by its first amplitude where the appendix has it."""
+        """Name of the stimulus: with the first amplitude only if it is in the appendix."""
         numbers = tuple(self.numbers().values())
         return _id(self.family, numbers[:3] if self.in_appendix else numbers)
 
@@ -224,16 +224,16 @@ class Noise(_Entry):
 
     @property
     def seed(self) -> int:
-        """Seed of the noise unless another is asked for: CRC-32 of the id."""
+        """Default seed of the noise: CRC-32 of the id."""
         return zlib.crc32(self.id.encode("ascii"))
 
 
 @dataclass(frozen=True, slots=True)
 class Ramp(_Entry):
-    """Ramp and hold: into the skin at one speed, held, and back at another.
+    """Ramp and hold: indentation at one speed, hold, and retraction at another.
 
-    Before it are `REST_MS` of rest and behind it twice as much: the filters see the
-    onset, and what fires late is in the samples.
+    A rest of `REST_MS` before the ramp lets the filters see the onset; a rest twice as long
+    after it includes late spikes.
     """
 
     depth_um: float
@@ -255,12 +255,12 @@ class Ramp(_Entry):
 
     @property
     def corners_ms(self) -> tuple[float, ...]:
-        """When the probe starts, stops, starts back and is back."""
+        """Times at which indentation starts and ends, and retraction starts and ends."""
         return tuple(accumulate((REST_MS, self.up_ms, self.hold_ms, self.down_ms)))
 
     @property
     def window_ms(self) -> tuple[float, float]:
-        """Time in which spikes are counted: all of it."""
+        """Start and end of the window in which spikes are counted: the whole stimulus."""
         return 0.0, self.corners_ms[-1] + 2 * REST_MS
 
 
@@ -269,7 +269,7 @@ _FAMILIES: dict[str, type[Entry]] = {kind.family: kind for kind in get_args(Entr
 
 
 def number_text(number: float) -> str:
-    """A number as ids have it: no exponent, no trailing zeros."""
+    """Text of a number in an id: no exponent, no trailing zeros."""
     return f"{number:.{DECIMALS}f}".rstrip("0").rstrip(".")
 
 
@@ -284,54 +284,55 @@ CATALOGUE: tuple[Entry, ...] = (
     *(Diharmonic(*pair, *a) for pair, levels in DIHARMONIC_AMPLITUDES_UM.items() for a in levels),
     *(Noise(*band, a) for band, levels in NOISE_RMS_UM.items() for a in levels),
 )
-"""Appendices A, B and C in the order they are printed."""
+"""Appendices A, B and C in printed order."""
 
-EVERY = "all"
+ALL = "all"
 WAVEFORMS = (".csv", ".wav", ".npy", ".dat")
-"""Suffixes of files that hold a waveform; no id ends in one."""
+"""Suffixes of waveform files; no id ends in one."""
 
 
-def resolve(words: str | Iterable[str]) -> tuple[Entry, ...]:
-    """Stimuli that `words` name, in that order, each once.
+def resolve(selection: str | Iterable[str]) -> tuple[Entry, ...]:
+    """Stimuli of `selection`, in that order, without duplicates.
 
     Parameters
     ----------
-    words
-        Ids or names of sets, one by one or with commas between them.
+    selection
+        Ids or names of sets, as a sequence or separated by commas.
 
     Raises
     ------
     StimulusError
-        A word that names nothing (the error has the near ones), a number that
-        no probe can do, or no word at all.
+        A name is unknown (the message lists similar names), a number is outside its range,
+        or the selection is empty.
     """
-    spoken = [words] if isinstance(words, str) else words
-    names = [name.strip() for word in spoken for name in word.split(",")]
+    texts = [selection] if isinstance(selection, str) else selection
+    names = [name.strip() for text in texts for name in text.split(",")]
     names = [name for name in names if name]
     if not names:
         raise StimulusError("no stimulus named; expected an id, or 'all'")
-    return tuple(dict.fromkeys(entry for name in names for entry in _named(name)))
+    return tuple(dict.fromkeys(entry for name in names for entry in _find_entries(name)))
 
 
-def named(words: Sequence[str | Path]) -> tuple[Sequence[Path], Sequence[Entry]]:
-    """Files and stimuli of the catalogue that `words` name, each once.
+def named(selection: Sequence[str | Path]) -> tuple[Sequence[Path], Sequence[Entry]]:
+    """Files and stimuli of `selection`, without duplicates.
 
-    A word is a path if it has the suffix of a waveform, a folder, or is there: no id is.
+    An item is a path if it has the suffix of a waveform file or a folder, or if that file
+    exists.
     """
-    found: dict[str | Path, None] = {}
-    for word in words:
-        whole = isinstance(word, Path) or _is_file(word)
-        for part in [str(word)] if whole else str(word).split(","):
+    selected: dict[str | Path, None] = {}
+    for item in selection:
+        is_file = isinstance(item, Path) or _is_file(item)
+        for part in [str(item)] if is_file else str(item).split(","):
             path = Path(part.strip())
-            is_path = whole or path.suffix.lower() in WAVEFORMS or len(path.parts) > 1
-            found[path if is_path or _is_file(path) else part] = None
-    files = [one for one in found if isinstance(one, Path)]
-    ids = [one for one in found if isinstance(one, str)]
+            is_path = is_file or path.suffix.lower() in WAVEFORMS or len(path.parts) > 1
+            selected[path if is_path or _is_file(path) else part] = None
+    files = [item for item in selected if isinstance(item, Path)]
+    ids = [item for item in selected if isinstance(item, str)]
     return files, resolve(ids) if any(map(str.strip, ids)) or not files else ()
 
 
 def set_name(entry: Entry) -> str:
-    """Id without its level: the name of all levels at these frequencies."""
+    """Id without the level: the name of the set of all levels at these frequencies."""
     return _id(entry.family, (n for name, n in entry.numbers().items() if name.endswith("_hz")))
 
 
@@ -342,56 +343,56 @@ def set_title(entry: Entry) -> str:
     return f"{between.join(numbers)} Hz"
 
 
-def _is_file(word: str | Path) -> bool:
+def _is_file(name: str | Path) -> bool:
     """Whether a file has this name; a name that is too long is none."""
     with suppress(OSError):
-        return Path(word).is_file()
+        return Path(name).is_file()
     return False
 
 
-def _named(name: str) -> tuple[Entry, ...]:
+def _find_entries(name: str) -> tuple[Entry, ...]:
     if len(name) > _LONGEST_NAME:
-        _refuse(f"{name[: _LONGEST_NAME - 3]}...")
-    if name.lower() == EVERY:
+        _raise_unknown(f"{name[: _LONGEST_NAME - 3]}...")
+    if name.lower() == ALL:
         return CATALOGUE
     family, *texts = name.lower().split("_")
     kind = _FAMILIES.get(family)
-    if kind is None or not name.isascii():  # float() reads the digits of every script
-        _refuse(name)
+    if kind is None or not name.isascii():  # float() accepts the digits of every script
+        _raise_unknown(name)
     try:
         numbers = tuple(float(text) for text in texts)
     except ValueError:
-        _refuse(name)
-    most = len(fields(kind))
-    if len(numbers) > most:
+        _raise_unknown(name)
+    count = len(fields(kind))
+    if len(numbers) > count:
         raise StimulusError(f"{name!r} has too many numbers; expected {kind.example}")
-    if len(numbers) == most:
+    if len(numbers) == count:
         try:
             return (kind(*numbers),)
         except StimulusError as error:
             raise StimulusError(f"{name}: {error}") from error
-    mine = [entry for entry in CATALOGUE if isinstance(entry, kind)]
-    if not mine:
+    entries = [entry for entry in CATALOGUE if isinstance(entry, kind)]
+    if not entries:
         raise StimulusError(f"{name!r} needs all its numbers: {kind.example}")
-    known = {entry: tuple(entry.numbers().values()) for entry in mine}
-    level = tuple(entry for entry, row in known.items() if row[: len(numbers)] == numbers)
-    if not level:  # name the numbers that there are at the place where this one is not
-        place, rows = 0, list(known.values())
-        while any(row[: place + 1] == numbers[: place + 1] for row in rows):
-            place += 1
-        there = dict.fromkeys(row[place] for row in rows if row[:place] == numbers[:place])
-        choices = ", ".join(_id(family, (*numbers[:place], number)) for number in there)
+    numbers_of = {entry: tuple(entry.numbers().values()) for entry in entries}
+    matches = tuple(entry for entry, row in numbers_of.items() if row[: len(numbers)] == numbers)
+    if not matches:  # list the available numbers at the first index that does not match
+        index, rows = 0, list(numbers_of.values())
+        while any(row[: index + 1] == numbers[: index + 1] for row in rows):
+            index += 1
+        available = dict.fromkeys(row[index] for row in rows if row[:index] == numbers[:index])
+        choices = ", ".join(_id(family, (*numbers[:index], number)) for number in available)
         raise StimulusError(
             f"no stimulus {name!r} in the catalogue, which has {choices}; "
-            f"one of your own needs all its numbers: {kind.example}"
+            f"a stimulus outside the catalogue needs all its numbers: {kind.example}"
         )
-    return level
+    return matches
 
 
-def _refuse(name: str) -> NoReturn:
+def _raise_unknown(name: str) -> NoReturn:
     from difflib import get_close_matches
 
-    names = [EVERY, *_FAMILIES, *(entry.id for entry in CATALOGUE), *map(set_name, CATALOGUE)]
+    names = [ALL, *_FAMILIES, *(entry.id for entry in CATALOGUE), *map(set_name, CATALOGUE)]
     near = get_close_matches(name.lower(), dict.fromkeys(names), n=4)
     near = near or get_close_matches(name.lower().partition("_")[0], _FAMILIES)
     hint = (

@@ -1,4 +1,4 @@
-"""The units of a model, as its heading names them.
+"""The unit system of a model, as named in its heading.
 
     *HEADING
     Hash: wQ2k, Date: 04/23/2022, Unit system: M_KG_S_C
@@ -16,9 +16,9 @@ _NAMED = re.compile(r"unit\s+system\s*:\s*(\w+)", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class UnitSystem:
-    """What one unit of length, stress, time and force of a model is.
+    """The units of length, stress, time and force of a model.
 
-    `name` is the heading's word, `length_unit` and `stress_unit` are those of options.
+    `name` is the name in the heading; `length_unit` and `stress_unit` are values of options.
     """
 
     name: str
@@ -34,10 +34,10 @@ class UnitSystem:
 
 
 MM = UnitSystem("MM_TON_S_C", "mm", "MPa", 1.0, 1.0e6)
-# Those that PrePoMax writes; its UNIT_LESS and Undefined say nothing.
+# Unit systems that PrePoMax writes, except UNIT_LESS and Undefined.
 UNIT_SYSTEMS = {
-    one.name: one
-    for one in (
+    system.name: system
+    for system in (
         MM,
         UnitSystem("M_TON_S_C", "m", "kPa", 1000.0, 1.0e3, force_n=1.0e3),
         UnitSystem("M_KG_S_C", "m", "Pa", 1000.0, 1.0),
@@ -46,10 +46,10 @@ UNIT_SYSTEMS = {
     )
 }
 LENGTH_UNITS = {"mm": MM, "m": UNIT_SYSTEMS["M_KG_S_C"], "in": UNIT_SYSTEMS["IN_LB_S_F"]}
-"""What is meant where only the unit of length is given."""
+"""Unit systems by their unit of length."""
 
 
 def unit_system_in(heading: str) -> UnitSystem | None:
-    """The unit system that a heading names; None where it names none that is known."""
-    found = _NAMED.search(heading)
-    return None if found is None else UNIT_SYSTEMS.get(found[1].upper())
+    """The unit system named in a heading; None if it names no known one."""
+    match = _NAMED.search(heading)
+    return None if match is None else UNIT_SYSTEMS.get(match[1].upper())

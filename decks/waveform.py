@@ -1,9 +1,9 @@
 """Samples of a stimulus: the depth of the probe every 0.5 ms.
 
-Those of the paper take 250 ms, a ramp as long as its id says. Sinusoids start at phase 0.
-Noise is Gaussian, filtered without delay, and lifted from zero in the first 5 ms, which no
-window counts. Samples are rounded to 1e-6 um: far below what a solver resolves, far above
-what two machines' arithmetic differs by, so that both write the same bytes.
+Stimuli of the paper last 250 ms; the id of a ramp contains its duration. Sinusoids start at
+phase 0. Noise is Gaussian, filtered without delay, and rises from zero during the first 5 ms,
+which no window includes. Samples are rounded to 1e-6 um: far below the resolution of a solver
+and far above rounding differences between machines, so that all machines write the same bytes.
 """
 
 import math
@@ -30,11 +30,11 @@ SAMPLING_HZ = 1000.0 / DT_MS
 
 BUTTERWORTH_ORDER = 4
 TAPER_MS = LONG_WINDOW_MS[0]
-"""Length of the raised cosine at the start of noise: the part that is not counted."""
+"""Length of the raised cosine at the start of noise: the part before the window."""
 
 MARGIN_SAMPLES = 4000
-"""Noise drawn and thrown away on each side, 2 s: the filter works on a circle, and
-after that the slowest band of the catalogue has forgotten the seam to 1e-7."""
+"""Noise samples drawn and discarded on each side, 2 s: the filter is circular, and after
+2 s the effect of the seam has decayed to 1e-7 in the slowest band of the catalogue."""
 
 
 def make_stimulus(entry: Entry, preindent_um: float = 0.0, seed: int | None = None) -> Stimulus:
@@ -43,19 +43,19 @@ def make_stimulus(entry: Entry, preindent_um: float = 0.0, seed: int | None = No
     Parameters
     ----------
     entry
-        A stimulus of the catalogue, or one with numbers of its own.
+        A stimulus of the catalogue, or one with other numbers.
     preindent_um
-        Depth at which the probe stands before time 0, >= 0. Every sample holds
-        it: the first equals `preindent_um`.
+        Pre-indentation: depth of the probe before time 0 in um, >= 0 (default 0). It is
+        added to every sample; the first sample equals `preindent_um`.
     seed
-        Seed of noise, >= 0; without one, the entry's own (CRC-32 of its id), so
-        that an id alone names its samples. Sinusoids have no use for it.
+        Seed of noise, >= 0; by default the seed of the entry (CRC-32 of its id), so
+        that the id determines the samples. Ignored by other families.
 
     Returns
     -------
     Stimulus
-        Samples in um, 501 but of a ramp, positive into the skin, the first at time 0. `origin`
-        keeps the family, the numbers and, for noise, the seed.
+        Samples in um, positive into the skin, the first at time 0; 501 of them except for a
+        ramp. `origin` has the family, the numbers and, for noise, the seed.
 
     Raises
     ------
@@ -69,17 +69,17 @@ def make_stimulus(entry: Entry, preindent_um: float = 0.0, seed: int | None = No
     preindent_um = round(preindent_um, DECIMALS)
     origin: dict[str, object] = {"family": entry.family, **entry.numbers()}
     if isinstance(entry, Noise):
-        drawn = entry.seed if seed is None else seed
-        if drawn < 0:
-            raise StimulusError(f"{entry.id}: seed must be >= 0, got {drawn}")
-        origin["seed"] = drawn
-        wave_um = band_noise(entry, np.random.default_rng(drawn))
+        noise_seed = entry.seed if seed is None else seed
+        if noise_seed < 0:
+            raise StimulusError(f"{entry.id}: seed must be >= 0, got {noise_seed}")
+        origin["seed"] = noise_seed
+        wave_um = band_noise(entry, np.random.default_rng(noise_seed))
     else:
         wave_um = WAVES[entry.family](entry)
     wave_um = np.round(wave_um, DECIMALS)
     if not wave_um.any():
         raise StimulusError(
-            f"{entry.id}: nothing is left of it at {DT_MS:g} ms and 1e-{DECIMALS} um"
+            f"{entry.id}: all samples at {DT_MS:g} ms round to 0 at 1e-{DECIMALS} um"
         )
     return Stimulus(
         id=entry.id,
@@ -96,21 +96,20 @@ def band_noise(entry: Noise, rng: np.random.Generator) -> FloatArray:
 
     Notes
     -----
-    The paper filters Gaussian noise "using Python" and scales it to the RMS; it
-    leaves the filter open. Ours is a 4th-order Butterworth band run forward and
-    backward, what SciPy calls ``sosfiltfilt(butter(4, (low, high), "bandpass"))``:
-    no delay, and an amplitude gain of ``|H|^2``, one half at both cutoffs.
-    Applied as a gain to the spectrum it needs no SciPy and has no onset.
+    The paper filters Gaussian noise "using Python" and scales it to the RMS; it does not
+    specify the filter. We use a 4th-order Butterworth band-pass, forward and backward, as in
+    SciPy's ``sosfiltfilt(butter(4, (low, high), "bandpass"))``: no delay, and an amplitude
+    gain of ``|H|^2``, one half at both cutoffs. Applied as a gain to the spectrum, it needs
+    no SciPy and has no onset.
 
-    The RMS is that of all 501 samples, after the taper. Their mean is not
-    removed: the band passes nothing at 0 Hz, but a slow wave need not be
-    centred within 250 ms.
+    The RMS is taken over all 501 samples, after the taper. Their mean is not removed: the
+    gain at 0 Hz is zero, but the mean of a slow wave over 250 ms need not be.
     """
-    drawn = rng.standard_normal(SAMPLES + 2 * MARGIN_SAMPLES)
-    spectrum = np.fft.rfft(drawn)
-    frequency_hz = np.fft.rfftfreq(drawn.size, DT_MS / 1000.0).astype(np.float64)
+    white_noise = rng.standard_normal(SAMPLES + 2 * MARGIN_SAMPLES)
+    spectrum = np.fft.rfft(white_noise)
+    frequency_hz = np.fft.rfftfreq(white_noise.size, DT_MS / 1000.0).astype(np.float64)
     spectrum *= _butterworth_power(frequency_hz, entry.low_hz, entry.high_hz)
-    filtered = np.fft.irfft(spectrum, drawn.size)
+    filtered = np.fft.irfft(spectrum, white_noise.size)
     phase = np.minimum(np.arange(SAMPLES) * DT_MS / TAPER_MS, 1.0)
     taper = 0.5 * (1.0 - np.cos(np.pi * phase))
     wave: FloatArray = filtered[MARGIN_SAMPLES : MARGIN_SAMPLES + SAMPLES] * taper
@@ -151,4 +150,4 @@ WAVES: dict[str, Callable[[Any], FloatArray]] = {
         (0.0, ramp.depth_um, ramp.depth_um, 0.0),
     ),
 }
-"""Samples in um of the families that are not drawn, ``(T,)`` from time 0."""
+"""Samples in um of the deterministic families, ``(T,)`` from time 0."""

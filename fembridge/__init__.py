@@ -12,6 +12,9 @@ asked for. Beside those of ``__all__`` there are ``Shape`` and ``Population`` fo
 formats, ``ResponseMap``, ``read_observed`` and ``touchsim_rates``.
 """
 
+from fembridge import interrupt as _interrupt  # noqa: F401 - first: the rest takes long
+
+# isort: split
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -123,14 +126,14 @@ def _refuse_strangers() -> None:
             spec = find_spec(name)
         except ValueError:  # a module without a spec has been put there by hand
             spec = None
-        found = [] if spec is None else list(spec.submodule_search_locations or [])
-        if str(home / name) in {str(Path(folder).resolve()) for folder in found}:
+        locations = [] if spec is None else list(spec.submodule_search_locations or [])
+        if str(home / name) in {str(Path(folder).resolve()) for folder in locations}:
             continue
         if spec is None:
             raise ImportError(f"fembridge: no package {name!r} in {home}; install fembridge again")
-        stranger = spec.origin or ", ".join(found)
+        foreign_origin = spec.origin or ", ".join(locations)
         raise ImportError(
-            f"fembridge: {stranger} is in the way of the package {name!r} of "
+            f"fembridge: {foreign_origin} is in the way of the package {name!r} of "
             f"fembridge, expected in {home / name}; rename it or take it off the path"
         )
 

@@ -130,18 +130,18 @@ def simulate(
     >>> list(result.rates.columns)
     ['stimulus', 'afferent', 'rate_ips']
     """
-    import tempfile
     from contextlib import ExitStack
 
     from decks.analysis import Contact
     from decks.presets import finger_table
     from fembridge import simulation
-    from fembridge.stimulus_file import stimuli_of
+    from fembridge.stimulus_file import check_depth_is_used, stimuli_of
+    from fembridge.store import temporary_folder
     from fembridge.trace import finger_id
     from neural import parameter_set
 
-    chosen = parameter_set(parameters)
-    depth_um = chosen.preindent_um if preindent_um is None else preindent_um
+    encoding_parameters = parameter_set(parameters)
+    depth_um = encoding_parameters.preindent_um if preindent_um is None else preindent_um
     settings = SolverSettings(
         threads=threads,
         jobs=jobs,
@@ -153,28 +153,29 @@ def simulate(
         stimulus, depth_um, seed, slide_mm_per_s,
         dt_ms=dt_ms, full_scale_um=full_scale_um, window_ms=window_ms, log=log,
     )  # fmt: skip
+    check_depth_is_used(stimuli, preindent_um)
     model = _model(finger, probe, Contact(), element, inertia, whole_section, law)
     with ExitStack() as stack:
         if output is None:
-            output = stack.enter_context(tempfile.TemporaryDirectory(prefix="fembridge-"))
+            output = stack.enter_context(temporary_folder())
         result = simulation.simulate(
             stimuli,
             model,
             Path(output),
             method=method,
             stored=stored,
-            parameters=chosen,
+            parameters=encoding_parameters,
             settings=settings,
             yes=yes,
             log=log,
         )
-    depths_um = {one.preindent_um for one in stimuli}
-    own = finger_id(finger_table(model.finger))
-    if unlike := simulation.unlike_the_fit(chosen, own, depths_um):
-        log(unlike)
+    depths_um = {item.preindent_um for item in stimuli}
+    finger_identity = finger_id(finger_table(model.finger))
+    if difference := simulation.unlike_the_fit(encoding_parameters, finger_identity, depths_um):
+        log(difference)
     elif preindent_um is None and depth_um:
         depth = f"{depth_um:g} um deep before time 0"
-        log(f"parameters {chosen.name}: the probe is {depth}, as in their fit")
+        log(f"parameters {encoding_parameters.name}: the probe is {depth}, as in their fit")
     return result
 
 
@@ -251,27 +252,31 @@ def build_deck(
     >>> run.folder.name, run.increments
     ('sine_20_250', 520)
     """
-    given = locals()
-    usual = {name: each.default for name, each in signature(build_deck).parameters.items()}
+    arguments = locals()
+    defaults = {
+        name: parameter.default for name, parameter in signature(build_deck).parameters.items()
+    }
     unused = _OF_A_BASE_DECK if base_deck is None else _OF_OUR_FINGER
-    whose = "for base_deck alone" if base_deck is None else "for our finger, not for base_deck"
+    scope = "for base_deck alone" if base_deck is None else "for our finger, not for base_deck"
     for name in unused:
-        if given[name] != usual[name]:
-            raise UsageError(f"{name} is {whose}")
+        if arguments[name] != defaults[name]:
+            raise UsageError(f"{name} is {scope}")
 
     from decks.analysis import Contact
     from decks.dialects import DeckOptions, dialect_named
     from fembridge.build import build_own_folder, build_run_folder, read_base_deck
-    from fembridge.stimulus_file import stimuli_of
+    from fembridge.stimulus_file import check_depth_is_used, stimuli_of
     from neural import parameter_set
 
-    chosen = parameter_set(parameters)
-    if preindent_um is None:
-        preindent_um = chosen.preindent_um if base_deck is None else 0.0
+    encoding_parameters = parameter_set(parameters)
+    depth_um = preindent_um
+    if depth_um is None:
+        depth_um = encoding_parameters.preindent_um if base_deck is None else 0.0
     stimuli = stimuli_of(
-        stimulus, preindent_um, seed, slide_mm_per_s,
+        stimulus, depth_um, seed, slide_mm_per_s,
         dt_ms=dt_ms, full_scale_um=full_scale_um, window_ms=window_ms, log=log,
     )  # fmt: skip
+    check_depth_is_used(stimuli, preindent_um)
     if base_deck is not None:
         from decks.own_model import Request
 
@@ -289,8 +294,10 @@ def build_deck(
             all_nodes=frames == 1,
         )
         changed = [
-            build_own_folder(Path(output) / one.id, base, one, request, chosen.to_table())
-            for one in stimuli
+            build_own_folder(
+                Path(output) / item.id, base, item, request, encoding_parameters.to_table()
+            )
+            for item in stimuli
         ]
         for remark in changed[-1][1]:
             log(remark)
@@ -302,28 +309,28 @@ def build_deck(
         return [run for run, _ in changed]
     solver = solver or "calculix"
     dialect = dialect_named(solver)
-    asked = {"formulation": contact, "friction": friction}
-    given = _given(asked | {"stiffness_mpa_per_mm": stiffness_mpa_per_mm})
-    for name in given:
+    requested = {"formulation": contact, "friction": friction}
+    contact_options = _without_none(requested | {"stiffness_mpa_per_mm": stiffness_mpa_per_mm})
+    for name in contact_options:
         if name not in dialect.contact:
             raise UsageError(f"contact: a deck for {solver} has no {name}")
     try:
-        of_contact = Contact(**given)
+        contact_settings = Contact(**contact_options)
         element = dialect.element_named(element or dialect.element)
     except DeckError as error:
         raise UsageError(str(error)) from error
-    model = _model(finger, probe, of_contact, element, inertia, whole_section, law)
+    model = _model(finger, probe, contact_settings, element, inertia, whole_section, law)
     options = DeckOptions(results, probe_body, frames)
     return [
         build_run_folder(
-            Path(output) / one.id,
+            Path(output) / item.id,
             model,
-            one,
+            item,
             solver=solver,
             options=options,
-            parameters=chosen.to_table(),
+            parameters=encoding_parameters.to_table(),
         )
-        for one in stimuli
+        for item in stimuli
     ]
 
 
@@ -364,8 +371,8 @@ def run(
     settings = SolverSettings(
         threads, jobs, time_limit_s, stall_limit_s, iteration_limit, on_progress, cache
     )
-    listed = [folders] if isinstance(folders, str | Path | RunFolder) else folders
-    runs = [one if isinstance(one, RunFolder) else Path(one) for one in listed]
+    folder_list = [folders] if isinstance(folders, str | Path | RunFolder) else folders
+    runs = [folder if isinstance(folder, RunFolder) else Path(folder) for folder in folder_list]
     return run_folders(runs, settings, force=force)
 
 
@@ -423,7 +430,7 @@ def encode(
     from fembridge import encoding
     from fembridge.tables import spikes_frame
 
-    say = log or (lambda line: None)
+    log_line = log or (lambda line: None)
     encoded = encoding.encode(
         traces,
         parameters=parameters,
@@ -434,8 +441,8 @@ def encode(
         columns=columns,
         gain_pa=gain_pa,
         resample_ms=resample_ms,
-        log=say,
-        note=say,
+        log=log_line,
+        note=log_line,
     )
     return spikes_frame(encoded.trains)
 
@@ -476,7 +483,7 @@ def plot(result: Simulation | Touch | ReceptiveField, picture: str | None = None
     return field_figure(result)
 
 
-def _given(options: Mapping[str, Any]) -> dict[str, Any]:
+def _without_none(options: Mapping[str, Any]) -> dict[str, Any]:
     """The options that were given."""
     return {name: value for name, value in options.items() if value is not None}
 
@@ -494,12 +501,12 @@ def _model(
     from decks.presets import mesh_of, read_finger
     from decks.probe import Probe
 
-    chosen = read_finger(finger) if isinstance(finger, str) else finger
+    loaded_finger = read_finger(finger) if isinstance(finger, str) else finger
     if law not in LAWS:
         raise UsageError(f"law {law!r}, expected {' or '.join(LAWS)}")
     return Model(
-        chosen,
-        mesh_of(chosen),
+        loaded_finger,
+        mesh_of(loaded_finger),
         probe or Probe(),
         contact,
         element,
@@ -605,40 +612,40 @@ def fit(
     from fembridge.tables import AFFERENTS, read_spikes
     from neural import parameter_set
 
-    of_default = 0.0 if drive == "published" else parameter_set("fitted").preindent_um
+    default_preindent_um = 0.0 if drive == "published" else parameter_set("fitted").preindent_um
     search = {"evaluations": evaluations, "population": population}
     settings = fitting.FitSettings(
         families=FAMILIES if family == EVERY else (family,),
-        preindent_um=of_default if preindent_um is None else preindent_um,
+        preindent_um=default_preindent_um if preindent_um is None else preindent_um,
         cells=cells,
         seed=seed,
         rule=rule,
         held_out=held_out,
-        **_given(search),
+        **_without_none(search),
     )
     rates = read_observed(
         Path(observed) if isinstance(observed, str) else observed, complete=complete
     )
     models = models_to_fit(rates, afferents, drive, settings.families, log)
     source = solved_source(Path(response)) if response else stored_source(finger or "quick")
-    asked = None if thresholds is None else read_evidence(thresholds, THRESHOLDS).table
+    threshold_rows = None if thresholds is None else read_evidence(thresholds, THRESHOLDS).table
     trains = None if spikes is None else read_spikes(Path(spikes))
 
     def targets_of(model: AfferentModel) -> list[Target]:
-        where = (source.response, model, settings.preindent_um)
-        found: list[Target | None] = []
-        if asked is not None:
-            found.append(threshold_target(asked, *where))
+        model_arguments = (source.response, model, settings.preindent_um)
+        targets: list[Target | None] = []
+        if threshold_rows is not None:
+            targets.append(threshold_target(threshold_rows, *model_arguments))
         if timing:
-            found.append(phase_target(published_timing(), *where))
+            targets.append(phase_target(published_timing(), *model_arguments))
         if trains is not None:
-            found.append(timing_target(trains, *where, spike_distance))
-        return [target for target in found if target is not None]
+            targets.append(timing_target(trains, *model_arguments, spike_distance))
+        return [target for target in targets if target is not None]
 
     if output is not None:
-        fronts = map(fitting.front_file, models)
+        front_files = map(fitting.front_file, models)
         files = (fitting.PARAMETERS_FILE, fitting.RATES_FILE, fitting.PICTURE_FILE)
-        check_output(Path(output), *files, *fronts)
+        check_output(Path(output), *files, *front_files)
     run = fitting.fit_afferents(
         rates,
         source.response,
@@ -718,19 +725,21 @@ def thresholds(
 
     from fembridge.fitting.problem import solved_source, stored_source
     from fembridge.tuning import frequencies_of
-    from fembridge.tuning import thresholds as of_class
+    from fembridge.tuning import thresholds as class_thresholds
     from neural import parameter_set
 
-    chosen = parameter_set(parameters)
-    if unknown := [name for name in afferents if name not in chosen.parameters]:
-        known = ", ".join(chosen.parameters)
-        raise UsageError(f"afferent {unknown[0]!r}, expected one of {known}")
-    depth_um = chosen.preindent_um if preindent_um is None else preindent_um
+    encoding_parameters = parameter_set(parameters)
+    if unknown := [name for name in afferents if name not in encoding_parameters.parameters]:
+        available = ", ".join(encoding_parameters.parameters)
+        raise UsageError(f"afferent {unknown[0]!r}, expected one of {available}")
+    depth_um = encoding_parameters.preindent_um if preindent_um is None else preindent_um
     source = solved_source(Path(response)) if response else stored_source(finger or "quick")
     frequencies_hz = frequencies_of(hz) if isinstance(hz, str) else list(hz)
     return pandas.concat(
         [
-            of_class(source.response, chosen.parameters[name], frequencies_hz, depth_um)
+            class_thresholds(
+                source.response, encoding_parameters.parameters[name], frequencies_hz, depth_um
+            )
             for name in dict.fromkeys(afferents)
         ],
         ignore_index=True,

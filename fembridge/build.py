@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from decks.own_model import Request
 
 _SOLVERS = {".inp": ("calculix", "abaqus"), ".dat": ("marc",)}
-_OURS = (RUN_FILE, STIMULUS_FILE, "job.inp", "job.dat")
+_RESERVED_NAMES = (RUN_FILE, STIMULUS_FILE, "job.inp", "job.dat")
 
 
 def build_run_folder(
@@ -68,23 +68,25 @@ def build_run_folder(
         inputs["law"] = model.law
     if analysis.support != "prescribed" and dialect.springs:
         inputs["drive"] = analysis.support
-        why = analysis.why_whole
-        inputs["section"] = f"whole: {why}" if why else "half"
+        reason = analysis.why_whole
+        inputs["section"] = f"whole: {reason}" if reason else "half"
     if parameters:
         inputs["parameters"] = parameters
     files = {name: text.encode() for name, text in dialect.write(analysis, options).items()}
     motion = analysis.motion
-    last = motion.phases[-1]
-    own_steps = len(motion.phases) > 1  # up to the waveform
-    increments = last.increments // last.every
+    last_phase = motion.phases[-1]
+    has_own_steps = len(motion.phases) > 1  # up to the waveform
+    increments = last_phase.increments // last_phase.every
     start_ms = (
-        MS_PER_S * motion.start_s if own_steps else motion.ramp // last.every * stimulus.dt_ms
+        MS_PER_S * motion.start_s
+        if has_own_steps
+        else motion.ramp // last_phase.every * stimulus.dt_ms
     )
-    places = []
+    afferent_nodes = []
     for name, node in analysis.afferent.items():
         x_mm, y_mm = analysis.node_mm[node - 1].tolist()
         layer = model.finger.afferents[name].layer
-        places.append(AfferentNode(name, node, layer, x_mm, y_mm, depth_mm=-y_mm))
+        afferent_nodes.append(AfferentNode(name, node, layer, x_mm, y_mm, depth_mm=-y_mm))
     run = RunFolder(
         folder=folder,
         solver=solver,
@@ -92,10 +94,10 @@ def build_run_folder(
         solver_increments=0 if motion.increments == increments else motion.increments,
         dt_ms=stimulus.dt_ms,
         start_ms=start_ms,
-        before_ms=start_ms if own_steps else 0.0,
+        before_ms=start_ms if has_own_steps else 0.0,
         branches=analysis.branches if dialect.branches else {},
         on_axis=analysis.watched_on_axis if dialect.springs else (),
-        afferents=tuple(places),
+        afferents=tuple(afferent_nodes),
         apex_node=analysis.apex,
         deck_sha256=hashlib.sha256(files[dialect.deck]).hexdigest(),
         inputs=inputs,
@@ -133,15 +135,15 @@ def read_base_deck(path: Path, solver: str | None = None) -> BaseDeck:
     """
     from decks.own_model.inp import solver_of
 
-    known = _SOLVERS.get(path.suffix.lower())
-    if known is None:
+    solvers = _SOLVERS.get(path.suffix.lower())
+    if solvers is None:
         raise DeckError(f"{path}: expected a deck: a .inp of CalculiX or Abaqus, or a .dat of Marc")
     data = read_bytes(path, MAX_DECK_BYTES, DeckError)
     if solver is None:
-        solver = known[0] if len(known) == 1 else solver_of(data)
-    elif solver not in known:
+        solver = solvers[0] if len(solvers) == 1 else solver_of(data)
+    elif solver not in solvers:
         raise DeckError(
-            f"{path}: a {path.suffix} is a deck for {' or '.join(known)}, not for {solver}"
+            f"{path}: a {path.suffix} is a deck for {' or '.join(solvers)}, not for {solver}"
         )
     return BaseDeck(path, data, solver)
 
@@ -186,7 +188,7 @@ def build_own_folder(
     files = {dialect_named(base.solver).deck: rebased.deck}
     for name in rebased.needs:
         source = base.path.parent / name
-        if PurePosixPath(name.replace("\\", "/")).name != name or name in _OURS:
+        if PurePosixPath(name.replace("\\", "/")).name != name or name in _RESERVED_NAMES:
             raise DeckError(
                 f"{base.path}: includes {name!r}, expected a file beside it, by its name alone"
             )
@@ -205,9 +207,14 @@ def build_own_folder(
         length_unit=rebased.units.length_unit,
         afferents=tuple(
             AfferentNode(
-                name, request.afferents[name], "", place[0], place[1], z_mm=(*place, None)[2]
+                name,
+                request.afferents[name],
+                "",
+                position_mm[0],
+                position_mm[1],
+                z_mm=(*position_mm, None)[2],
             )
-            for name, place in rebased.place_mm.items()
+            for name, position_mm in rebased.place_mm.items()
         ),
         deck_sha256=hashlib.sha256(rebased.deck).hexdigest(),
         inputs={

@@ -79,7 +79,7 @@ class Encoded:
         UsageError
             A window that a trace does not cover.
         """
-        return [_window(trace, asked, stimulus, self.source) for trace in self.traces]
+        return [_resolve_window_ms(trace, asked, stimulus, self.source) for trace in self.traces]
 
 
 def encode(
@@ -102,21 +102,25 @@ def encode(
     what was otherwise in the fit of the parameters. Stress that no touch gives, or that drives
     no spikes, is a `FembridgeWarning`.
     """
+    if parameters is not None:
+        parameters = parameter_set(parameters)  # a wrong name is refused before anything is read
     if isinstance(source, str | Path):
-        found, _ = read_stress(Path(source), log, columns, gain_pa, resample_ms)
+        source_traces, _ = read_stress(Path(source), log, columns, gain_pa, resample_ms)
     elif isinstance(source, Sequence):
-        if any(each is not None for each in (columns, gain_pa, resample_ms)):
+        if any(option is not None for option in (columns, gain_pa, resample_ms)):
             raise UsageError("columns, gain_pa and resample_ms are for a table of traces")
-        found = source if isinstance(source, Traces) else Traces(source)  # type: ignore[arg-type] # no str
+        source_traces = source if isinstance(source, Traces) else Traces(source)  # type: ignore[arg-type] # no str
     else:
-        found = read_traces(source, log, columns=columns, gain_pa=gain_pa, resample_ms=resample_ms)
-    chosen = _parameters_for(found, parameters, note)
-    traces = _ready(found, chosen.parameters, stimulus, unnamed, afferents, log)
-    cells_ms = fired(traces, chosen.parameters, derivative)
-    fires = any(times_ms.size for cells in cells_ms for times_ms in cells)
-    if doubt := _doubt(found, traces, fires):
-        warnings.warn(doubt, FembridgeWarning, stacklevel=3)
-    return Encoded(found, traces, chosen, cells_ms)
+        source_traces = read_traces(
+            source, log, columns=columns, gain_pa=gain_pa, resample_ms=resample_ms
+        )
+    selected = _select_parameters(source_traces, parameters, note)
+    traces = _prepare_traces(source_traces, selected.parameters, stimulus, unnamed, afferents, log)
+    cells_ms = fired(traces, selected.parameters, derivative)
+    has_spikes = any(times_ms.size for cells in cells_ms for times_ms in cells)
+    if warning := _stress_warning(source_traces, traces, has_spikes):
+        warnings.warn(warning, FembridgeWarning, stacklevel=3)
+    return Encoded(source_traces, traces, selected, cells_ms)
 
 
 def read_stress(
@@ -139,36 +143,36 @@ def read_stress(
     made_by = "simulate and run leave stress in a folder, `ingest -o traces.csv` in a table"
     path = find_file(place, (TRACES_FILE, "traces.csv", RUN_FILE), made_by)
     if path.suffix != ".npz" and path.name != RUN_FILE:
-        given = read_traces(path, log, columns=columns, gain_pa=gain_pa, resample_ms=resample_ms)
-        return given, path
-    if any(each is not None for each in (columns, gain_pa, resample_ms)):
+        traces = read_traces(path, log, columns=columns, gain_pa=gain_pa, resample_ms=resample_ms)
+        return traces, path
+    if any(option is not None for option in (columns, gain_pa, resample_ms)):
         raise UsageError(f"{path}: columns, gain and resampling are for a table of traces")
     if path.name == RUN_FILE:
         return read(path.parent, log=log), path
-    written = stimuli_in(path.parent).traces if path.name == TRACES_FILE else None
-    return written or arrays_in(path)[1], path
+    stored_traces = stimuli_in(path.parent).traces if path.name == TRACES_FILE else None
+    return stored_traces or arrays_in(path)[1], path
 
 
-def _parameters_for(
+def _select_parameters(
     traces: Traces, parameters: str | ParameterSet | None, note: Callable[[str], None]
 ) -> ParameterSet:
     """The set that `traces` are encoded by: as asked, else that of their run."""
     origin = traces.origin
     if parameters is None and origin and origin.parameters:
-        chosen = ParameterSet.from_table(
+        selected = ParameterSet.from_table(
             origin.parameters, origin.stimulus, "the run of the traces"
         )
     else:
-        chosen = parameter_set("fitted" if parameters is None else parameters)
+        selected = parameter_set("fitted" if parameters is None else parameters)
     # Of an unknown run: what starts without stress was not pre-indented.
-    pressed = any(trace.stress_pa[0] > 0 for trace in traces)
-    depths_um = {origin.preindent_um} if origin else set() if pressed else {0.0}
-    if unlike := unlike_the_fit(chosen, origin.finger if origin else {}, depths_um):
-        note(unlike)
-    return chosen
+    is_pressed = any(trace.stress_pa[0] > 0 for trace in traces)
+    depths_um = {origin.preindent_um} if origin else set() if is_pressed else {0.0}
+    if difference := unlike_the_fit(selected, origin.finger if origin else {}, depths_um):
+        note(difference)
+    return selected
 
 
-def _ready(
+def _prepare_traces(
     traces: Traces,
     parameters: Parameters,
     stimulus: str | None,
@@ -184,9 +188,11 @@ def _ready(
     theirs by PCHIP.
     """
     name = stimulus or (traces.origin.stimulus if traces.origin else unnamed)
-    there = dict.fromkeys(trace.stimulus or name for trace in traces)
-    if stimulus is not None and stimulus not in there:
-        raise UsageError(f"no stimulus {stimulus!r}, expected one of {', '.join(there)[:80]}")
+    stimulus_ids = dict.fromkeys(trace.stimulus or name for trace in traces)
+    if stimulus is not None and stimulus not in stimulus_ids:
+        raise UsageError(
+            f"no stimulus {stimulus!r}, expected one of {', '.join(stimulus_ids)[:80]}"
+        )
     classes = [
         (trace, afferent)
         for trace in traces
@@ -196,8 +202,6 @@ def _ready(
     ]
     if not classes:
         raise UsageError(f"no trace of {' or '.join(afferents or ('any class',))}")
-    whose = [(trace.stimulus or name, afferent, trace.unit) for trace, afferent in classes]
-    apart = len(set(whose)) == len(whose)
     lengths = [
         (trace.stress_pa.size, int(trace.stress_pa.size * trace.dt_ms / parameters[afferent].dt_ms))
         for trace, afferent in classes
@@ -208,28 +212,32 @@ def _ready(
         sum(after for _, after in lengths),
         max((after for _, after in lengths), default=0),
     )
-    found: list[StressTrace] = []
-    names: set[tuple[str, str, str]] = set()
+    keys = [(trace.stimulus or name, afferent, trace.unit) for trace, afferent in classes]
+    has_unique_keys = len(set(keys)) == len(keys)
+    prepared: list[StressTrace] = []
+    used_keys: set[tuple[str, str, str]] = set()
     other_steps: dict[tuple[float, float], list[str | None]] = {}
     for trace, afferent in classes:
         if afferent not in parameters:
-            who = trace.unit or (f"node {trace.node}" if trace.node else "the trace")
+            trace_name = trace.unit or (f"node {trace.node}" if trace.node else "the trace")
             raise UsageError(
-                f"{who} is of class {afferent}, expected {' or '.join(parameters)}: --afferent "
-                "(afferents) says which"
+                f"{trace_name} is of class {afferent}, expected {' or '.join(parameters)}: "
+                "--afferent (afferents) says which"
             )
         if reading_energy({afferent: parameters[afferent]}):
             raise UsageError(
                 f"model {parameters[afferent].drive!r} of {afferent} reads strain energy, traces "
                 "hold von Mises stress: simulate takes it"
             )
-        unit = trace.unit if apart else " ".join(filter(None, (trace.unit, str(trace.node))))
+        unit = (
+            trace.unit if has_unique_keys else " ".join(filter(None, (trace.unit, str(trace.node))))
+        )
         key = (trace.stimulus or name, afferent, unit)
-        if key in names:
+        if key in used_keys:
             raise UsageError(
                 f"two traces of {' '.join(filter(None, key))}: a column unit distinguishes them"
             )
-        names.add(key)
+        used_keys.add(key)
         step_ms, stress_pa = parameters[afferent].dt_ms, trace.stress_pa
         if (most_pa := float(np.abs(stress_pa).max())) > _MOST_PA:
             raise TraceError(
@@ -239,51 +247,54 @@ def _ready(
         if abs(trace.dt_ms - step_ms) > _SAME_STEP * step_ms:
             _, stress_pa = resample(trace.times_ms, stress_pa, step_ms)
             steps = (trace.dt_ms, step_ms)
-            doubt = doubt_of_step(trace.stress_pa, *steps)
-            other_steps.setdefault(steps, []).append(doubt)
-        found.append(
+            warning = doubt_of_step(trace.stress_pa, *steps)
+            other_steps.setdefault(steps, []).append(warning)
+        prepared.append(
             StressTrace(stress_pa, step_ms, trace.node, afferent, trace.start_ms, unit, key[0])
         )
-    for (dt_ms, step_ms), doubts in other_steps.items():
-        many = f"{len(doubts)} traces have" if len(doubts) > 1 else "the trace has"
-        line = f"{many} a sample every {dt_ms:g} ms: resampled to every {step_ms:g} ms"
-        if doubt := next(filter(None, doubts), None):
-            warnings.warn(f"{line}; {doubt}", FembridgeWarning, stacklevel=4)
+    for (dt_ms, step_ms), step_warnings in other_steps.items():
+        subject = f"{len(step_warnings)} traces have" if len(step_warnings) > 1 else "the trace has"
+        line = f"{subject} a sample every {dt_ms:g} ms: resampled to every {step_ms:g} ms"
+        if warning := next(filter(None, step_warnings), None):
+            warnings.warn(f"{line}; {warning}", FembridgeWarning, stacklevel=4)
         else:
             log(line)
-    return found
+    return prepared
 
 
-def _window(
-    trace: StressTrace, asked: tuple[float, float] | None, stimulus: str | None, found: Traces
+def _resolve_window_ms(
+    trace: StressTrace, requested: tuple[float, float] | None, stimulus: str | None, source: Traces
 ) -> tuple[float, float]:
-    first, last = float(trace.times_ms[0]), float(trace.times_ms[-1])
-    slack = 1e-3 * trace.dt_ms
-    of_run = found.windows_ms.get(trace.stimulus)
-    if of_run is None and found.origin is not None:  # by another name
-        of_run = found.origin.window_ms
-    elif of_run is None and stimulus is not None:
+    first_ms, last_ms = float(trace.times_ms[0]), float(trace.times_ms[-1])
+    slack_ms = 1e-3 * trace.dt_ms
+    run_window_ms = source.windows_ms.get(trace.stimulus)
+    if run_window_ms is None and source.origin is not None:  # by another name
+        run_window_ms = source.origin.window_ms
+    elif run_window_ms is None and stimulus is not None:
         with suppress(StimulusError, ValueError):
             [entry] = resolve(stimulus)
-            of_run = entry.window_ms if entry.window_ms[1] <= last + slack else None
-    start, end = asked or of_run or (first, last)
+            run_window_ms = entry.window_ms if entry.window_ms[1] <= last_ms + slack_ms else None
+    start_ms, end_ms = requested or run_window_ms or (first_ms, last_ms)
     # The first sample may be one increment after the start of the stimulus.
-    if not (first - trace.dt_ms - slack <= start < end <= last + slack):
+    if not (first_ms - trace.dt_ms - slack_ms <= start_ms < end_ms <= last_ms + slack_ms):
         raise UsageError(
-            f"window {start:g} to {end:g} ms, expected start < end inside "
-            f"{first:g} to {last:g} ms, the {trace.afferent} trace"
+            f"window {start_ms:g} to {end_ms:g} ms, expected start < end inside "
+            f"{first_ms:g} to {last_ms:g} ms, the {trace.afferent} trace"
         )
-    return start, end
+    return start_ms, end_ms
 
 
-def _doubt(found: Traces, traces: Sequence[StressTrace], fires: bool) -> str | None:
+def _stress_warning(source: Traces, traces: Sequence[StressTrace], has_spikes: bool) -> str | None:
     """What may be wrong where stress is unlike that of skin, or nothing fires; None: no doubt."""
     peaks_pa = [float(np.abs(trace.stress_pa).max()) for trace in traces]
-    shares = [p / _TYPICAL_PA[str(t.afferent)] for p, t in zip(peaks_pa, traces, strict=True)]
+    shares = [
+        peak_pa / _TYPICAL_PA[str(trace.afferent)]
+        for peak_pa, trace in zip(peaks_pa, traces, strict=True)
+    ]
     strongest = int(np.argmax(shares))
     trace, share = traces[strongest], shares[strongest]
-    near = 1 / _FAR < share < _FAR
-    if near and fires:
+    is_plausible = 1 / _FAR < share < _FAR
+    if is_plausible and has_spikes:
         return None
     if not share:
         return "no spikes: all stress is 0"
@@ -291,9 +302,9 @@ def _doubt(found: Traces, traces: Sequence[StressTrace], fires: bool) -> str | N
         f"the strongest trace ({trace.afferent}) peaks at {peaks_pa[strongest]:.3g} Pa, where a "
         f"probe 250 um deep gives some {_TYPICAL_PA[str(trace.afferent)]:g} Pa"
     )
-    if near:
+    if is_plausible:
         return f"no spikes: {line}: too faint, too short or too slow for these parameters?"
-    if found.origin is not None:  # of a run, whose unit is known
+    if source.origin is not None:  # of a run, whose unit is known
         return f"{line}: too faint, too deep, or of another place?"
     power = 3 * round(-np.log10(share) / 3)
     return f"{line}: in another unit? --gain-pa 1e{power} (gain_pa) takes it so"

@@ -1,9 +1,9 @@
-"""Many runs of one function, here or in other processes: `finished` has them as they end.
+"""Run many tasks in this or other processes: `finished` yields them as they complete.
 
-Behind it is an executor of `concurrent.futures`. `HereExecutor` does each task at once.
-`LocalExecutor` has worker processes on this machine: one that is killed costs its own
-task a second beginning, and nobody else anything. `dask_executor` has the workers of a
-dask cluster. A task is a function that can be imported, with arguments that pickle.
+The tasks run on an executor of `concurrent.futures`. `HereExecutor` runs each task at once in
+this process. `LocalExecutor` has worker processes on this machine: if one is killed, only its
+task is restarted. `dask_executor` has the workers of a dask cluster. A task is an importable
+function with arguments that can be pickled.
 """
 
 import contextlib
@@ -33,89 +33,90 @@ from typing import IO, Any, TypeVar
 
 from fembridge.errors import MissingError, UsageError
 from fembridge.solver.process import GRACE_S, signals_as_exits
+from fembridge.store import temporary_folder
 
 ATTEMPTS = 2
-"""A task whose process died is begun once more: the next death is its own doing."""
+"""Times that a task is started; if its process dies each time, the task fails."""
 
 INSTALL_LINE = "pip install 'fembridge[dask]'"
 
-# A solver is given `GRACE_S` to end; then its process some time to notice.
-_PATIENCE_S = GRACE_S + 2.0
+# A solver has `GRACE_S` to stop, its process 2 s more.
+_STOP_TIMEOUT_S = GRACE_S + 2.0
 _ADDRESS = re.compile(r"(tcp|tls|ucx|wss?)://\S+")
-_DASK_PATIENCE = "20s"
+_DASK_TIMEOUT = "20s"
 _MESSAGE, _RESULT, _ERROR = range(3)
 
 OnMessage = Callable[[Any], object]
-"""Called with what tasks `send` on their way, from any thread."""
+"""Called with each message that a running task `send`s, from any thread."""
 
 _Task = TypeVar("_Task")
-_Answer = TypeVar("_Answer")
+_Result = TypeVar("_Result")
 
 
-def _unheard(message: object) -> None:
-    """Outside of a task nobody listens."""
+def _ignore_message(message: object) -> None:
+    """Discard a message: no task is running."""
 
 
-_listener: OnMessage = _unheard
+_listener: OnMessage = _ignore_message
 
 
 class WorkerDiedError(Exception):
-    """The process of a task died, and that of its second attempt too."""
+    """The process of a task died in every attempt."""
 
 
 def finished(
-    submit: Callable[[_Task], Future[_Answer]], ready: deque[_Task], at_once: int
-) -> Iterator[tuple[_Task, Future[_Answer]]]:
-    """Tasks of `ready` with what came of each, as they end; `at_once` are under way.
+    submit: Callable[[_Task], Future[_Result]], ready: deque[_Task], limit: int
+) -> Iterator[tuple[_Task, Future[_Result]]]:
+    """Tasks of `ready` with their futures as they complete; at most `limit` run at a time.
 
-    `submit` gives one to an executor. Who takes one may put others into `ready`: in front,
-    or behind all.
+    `submit` passes a task to an executor. The caller may add tasks to either end of `ready`
+    between two results.
     """
-    running: dict[Future[_Answer], _Task] = {}
+    running: dict[Future[_Result], _Task] = {}
     while ready or running:
-        while ready and len(running) < at_once:
+        while ready and len(running) < limit:
             task = ready.popleft()
             running[submit(task)] = task
         for future in wait(running, return_when=FIRST_COMPLETED).done:
             yield running.pop(future), future
 
 
-def executor_of(jobs: int, on_message: OnMessage = _unheard) -> Executor:
-    """Processes for `jobs` tasks at a time; a single one is done in this process."""
+def executor_of(jobs: int, on_message: OnMessage = _ignore_message) -> Executor:
+    """Executor of `jobs` worker processes; for one job, this process."""
     return HereExecutor(on_message) if jobs == 1 else LocalExecutor(jobs, on_message)
 
 
 class HereExecutor(Executor):
-    """Does each task in this process, when it is submitted; what it raises is raised there."""
+    """Runs each task in this process on submission; its error is raised by `submit`."""
 
-    def __init__(self, on_message: OnMessage = _unheard) -> None:
+    def __init__(self, on_message: OnMessage = _ignore_message) -> None:
         self._on_message = on_message
 
     def submit(
         self, function: Callable[..., Any], /, *args: object, **kwargs: object
     ) -> Future[Any]:
-        """Result of ``function(*args, **kwargs)``, which is there."""
+        """Completed future of ``function(*args, **kwargs)``."""
         global _listener
         future: Future[Any] = Future()
-        before, _listener = _listener, self._on_message
+        previous, _listener = _listener, self._on_message
         try:
             future.set_result(function(*args, **kwargs))
         finally:
-            _listener = before
+            _listener = previous
         return future
 
 
 class LocalExecutor(Executor):
     """`jobs` processes on this machine, each with one task at a time.
 
-    They stand outside the terminal's group, so Ctrl-C reaches us alone; when we die,
-    even by ``kill -9``, each stops its solver and goes. Left by an exception, the block
-    ``with LocalExecutor(...)`` does not wait for tasks: it ends them.
+    They are outside the terminal's process group, so Ctrl-C reaches only this process. When it
+    dies, even by ``kill -9``, each worker stops its solver and exits. An exception in the block
+    ``with LocalExecutor(...)`` stops all tasks without waiting.
     """
 
-    def __init__(self, jobs: int, on_message: OnMessage = _unheard) -> None:
+    def __init__(self, jobs: int, on_message: OnMessage = _ignore_message) -> None:
         self._threads = ThreadPoolExecutor(jobs)
-        self._own = threading.local()
+        self._thread_state = threading.local()
         self._on_message = on_message
         self._workers: set[subprocess.Popen[bytes]] = set()
         self._lock = threading.Lock()
@@ -124,25 +125,25 @@ class LocalExecutor(Executor):
     def submit(
         self, function: Callable[..., Any], /, *args: object, **kwargs: object
     ) -> Future[Any]:
-        """Result of ``function(*args, **kwargs)`` in one of the processes, when it is there.
+        """Future of ``function(*args, **kwargs)`` in one of the worker processes.
 
-        Its exception is `WorkerDiedError` when the process died `ATTEMPTS` times.
+        Its exception is `WorkerDiedError` if the process died `ATTEMPTS` times.
         """
-        return self._threads.submit(self._attempt, pickle.dumps((function, args, kwargs)))
+        return self._threads.submit(self._run_task, pickle.dumps((function, args, kwargs)))
 
     def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
         self.shutdown(cancel_futures=kind is not None)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Let the processes go when all tasks are done, or at once with `cancel_futures`."""
+        """Stop the processes when all tasks are done, or at once with `cancel_futures`."""
         if cancel_futures:
             self._threads.shutdown(wait=False, cancel_futures=True)
-            self._stop()
+            self._stop_workers()
         self._threads.shutdown(wait)
         for worker in list(self._workers):
-            self._end(worker)
+            self._close_worker(worker)
 
-    def _attempt(self, task: bytes) -> Any:  # noqa: ANN401 - of any function
+    def _run_task(self, task: bytes) -> Any:  # noqa: ANN401 - result of any function
         code: int | None = None
         for _ in range(ATTEMPTS):
             worker = self._worker()
@@ -156,24 +157,22 @@ class LocalExecutor(Executor):
                     kind, value = pickle.load(worker.stdout)
                     if kind == _MESSAGE:
                         self._on_message(value)
-            except (EOFError, OSError, pickle.UnpicklingError):  # it died
-                self._own.worker = None
-                code = self._end(worker)
+            except (EOFError, OSError, pickle.UnpicklingError):  # the worker died
+                self._thread_state.worker = None
+                code = self._close_worker(worker)
                 continue
             if kind == _ERROR:
                 raise value
             return value
-        raise WorkerDiedError(
-            f"its process died {ATTEMPTS} times, the last time with exit code {code}"
-        )
+        raise WorkerDiedError(f"worker process died {ATTEMPTS} times, last exit code {code}")
 
     def _worker(self) -> subprocess.Popen[bytes]:
-        """The process of this thread; a new one where there is none."""
-        worker: subprocess.Popen[bytes] | None = getattr(self._own, "worker", None)
+        """Worker process of this thread, started if there is none."""
+        worker: subprocess.Popen[bytes] | None = getattr(self._thread_state, "worker", None)
         if worker is not None:
             return worker
-        above = str(Path(__file__).parents[1])
-        paths = [above, *filter(None, [os.environ.get("PYTHONPATH")])]
+        package_parent = str(Path(__file__).parents[1])
+        paths = [package_parent, *filter(None, [os.environ.get("PYTHONPATH")])]
         with self._lock:
             if self._stopped:
                 raise CancelledError
@@ -185,27 +184,27 @@ class LocalExecutor(Executor):
                 start_new_session=True,
             )
             self._workers.add(worker)
-        self._own.worker = worker
+        self._thread_state.worker = worker
         return worker
 
-    def _stop(self) -> None:
-        """Have every process stop its solver and go; kill those that do not."""
+    def _stop_workers(self) -> None:
+        """Stop every worker and its solver; kill workers that do not exit in time."""
         with self._lock:
             self._stopped = True
             workers = list(self._workers)
         try:
             for worker in workers:
                 worker.terminate()
-            until_s = time.monotonic() + _PATIENCE_S
+            deadline_s = time.monotonic() + _STOP_TIMEOUT_S
             for worker in workers:
                 with contextlib.suppress(subprocess.TimeoutExpired):
-                    worker.wait(max(0.0, until_s - time.monotonic()))
+                    worker.wait(max(0.0, deadline_s - time.monotonic()))
         finally:  # a second Ctrl-C does not wait
             for worker in workers:
                 worker.kill()
 
-    def _end(self, worker: subprocess.Popen[bytes]) -> int:
-        """Exit code of a process whose input is closed, at which it goes."""
+    def _close_worker(self, worker: subprocess.Popen[bytes]) -> int:
+        """Exit code of a worker after closing its input, which ends it."""
         for stream in (worker.stdin, worker.stdout):
             if stream is not None:
                 with contextlib.suppress(OSError):
@@ -217,24 +216,24 @@ class LocalExecutor(Executor):
 
 
 def send(message: object) -> None:
-    """Send `message` to who began the task; of a cluster, nowhere."""
+    """Send `message` to the process that submitted the task; lost on a dask cluster."""
     _listener(message)
 
 
 def serve() -> None:
-    """Do tasks in this process until its input ends."""
+    """Run tasks from standard input until it ends."""
     global _listener
-    answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a library prints is no answer
+    output = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # prints of libraries must not mix with results
 
-    def answer(kind: int, value: object) -> None:
-        answers.write(pickle.dumps((kind, value)))
-        answers.flush()
+    def reply(kind: int, value: object) -> None:
+        output.write(pickle.dumps((kind, value)))
+        output.flush()
 
-    _listener = partial(answer, _MESSAGE)
+    _listener = partial(reply, _MESSAGE)
     tasks: queue.SimpleQueue[Any] = queue.SimpleQueue()
     source = os.fdopen(os.dup(0), "rb")
-    threading.Thread(target=_listen, args=(source, tasks), daemon=True).start()
+    threading.Thread(target=_read_tasks, args=(source, tasks), daemon=True).start()
     with signals_as_exits():
         while task := tasks.get():
             function, args, kwargs = task
@@ -243,15 +242,15 @@ def serve() -> None:
             except Exception as error:
                 kind, value = _ERROR, error
             try:
-                answer(kind, value)
-            except Exception as error:  # it does not pickle
-                answer(_ERROR, RuntimeError(f"{value!r}: {error}"))
+                reply(kind, value)
+            except Exception as error:  # the value cannot be pickled
+                reply(_ERROR, RuntimeError(f"{value!r}: {error}"))
 
 
-def _listen(source: IO[bytes], tasks: "queue.SimpleQueue[Any]") -> None:
-    """Pass on each task; at the end of them, end this process as SIGTERM would.
+def _read_tasks(source: IO[bytes], tasks: "queue.SimpleQueue[Any]") -> None:
+    """Queue each task; at the end of input, end this process as SIGTERM does.
 
-    A signal on the brink of ``tasks.get()`` does not wake who waits there: None does.
+    A signal just before ``tasks.get()`` does not interrupt the wait, hence the None.
     """
     try:
         while True:
@@ -263,17 +262,17 @@ def _listen(source: IO[bytes], tasks: "queue.SimpleQueue[Any]") -> None:
 
 @contextlib.contextmanager
 def dask_executor(scheduler: str | None, jobs: int) -> Iterator[Executor]:
-    """Workers of the cluster at `scheduler`; without one, of `jobs` processes made here.
+    """Workers of the cluster at `scheduler`; if None, of a new cluster of `jobs` processes.
 
-    A task that is lost with its worker is given to another by the scheduler. Left by an
-    exception, tasks that have not begun are taken back.
+    The scheduler restarts a lost task on another worker. An exception in the block cancels tasks
+    that have not started.
 
     Raises
     ------
     MissingError
-        dask.distributed is not installed, or starts no cluster here.
+        dask.distributed is not installed or cannot start a cluster on this machine.
     UsageError
-        No scheduler answers at this address.
+        No scheduler responds at `scheduler`.
     """
     try:
         distributed = import_module("distributed")
@@ -284,21 +283,25 @@ def dask_executor(scheduler: str | None, jobs: int) -> Iterator[Executor]:
     with contextlib.ExitStack() as stack:
         cluster: Any = scheduler
         if scheduler is None:
+            dask = import_module("dask")
+            folder = str(stack.enter_context(temporary_folder()))  # dask leaves its own behind
+            stack.enter_context(dask.config.set({"temporary-directory": folder}))
             try:
                 cluster = distributed.LocalCluster(
                     n_workers=jobs,
                     threads_per_worker=1,
                     processes=True,
                     dashboard_address="127.0.0.1:0",  # ":0" would be all interfaces
+                    local_directory=folder,
                 )
-            except (OSError, RuntimeError) as error:  # as without a loopback interface
+            except (OSError, RuntimeError) as error:  # for example without a loopback interface
                 raise MissingError(
                     f"dask starts no cluster on this machine: {error}; --executor local "
                     "needs no network"
                 ) from error
             stack.enter_context(cluster)
         try:
-            client = distributed.Client(cluster, timeout=_DASK_PATIENCE, set_as_default=False)
+            client = distributed.Client(cluster, timeout=_DASK_TIMEOUT, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:  # TypeError: tls without certificates
             raise UsageError(f"no dask scheduler at {scheduler}: {error}") from error
         stack.enter_context(client)

@@ -37,6 +37,7 @@ PACKAGES = {
     "cattrs": ((24, 1), True, "TOML files"),
     "filelock": ((3, 24), True, "run folders"),
     "platformdirs": ((4, 2), False, "the cache of what was solved"),
+    "threadpoolctl": ((3, 5), False, "touches"),
     "jinja2": ((3, 1), False, "report pages"),
     "matplotlib": ((3, 9), False, "plots"),
     "rich": ((13, 7), False, "progress bars"),
@@ -78,15 +79,15 @@ def find_ccx() -> Path | None:
         ``FEMBRIDGE_CCX`` is set and is no program: running another solver than
         the one asked for would be worse than running none.
     """
-    asked = os.environ.get(CCX_VARIABLE)
-    if asked:
-        found = shutil.which(asked)
-        if found is None:
-            raise MissingError(f"{CCX_VARIABLE} is {asked!r}, which is no program here")
-        return Path(found).absolute()
-    plain = shutil.which("ccx")
-    if plain:
-        return Path(plain).absolute()
+    requested = os.environ.get(CCX_VARIABLE)
+    if requested:
+        program = shutil.which(requested)
+        if program is None:
+            raise MissingError(f"{CCX_VARIABLE} is {requested!r}, which is no program here")
+        return Path(program).absolute()
+    default_program = shutil.which("ccx")
+    if default_program:
+        return Path(default_program).absolute()
     versions: dict[tuple[int, int, bool], Path] = {}
     for folder in os.get_exec_path():
         for path in Path(folder).glob("ccx_*"):
@@ -100,13 +101,13 @@ def find_ccx() -> Path | None:
 def version_of(ccx: Path) -> tuple[str, str]:
     """Version that a solver prints, as ``2.20``, "" for none; and its exit code and first words."""
     try:
-        answer = _run([str(ccx), "-v"], patience_s=20)
+        completed = _run([str(ccx), "-v"], patience_s=20)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise MissingError(f"{ccx} does not run: {error}") from error
     # exit 201 is what a healthy ccx gives for -v
-    match = re.search(r"Version (\d+(?:\.\d+)*)", answer.stdout)
-    said = (answer.stderr.strip() or answer.stdout.strip() or "nothing").split("\n")
-    return match[1] if match else "", f"(exit {answer.returncode}): {said[0]}"
+    match = re.search(r"Version (\d+(?:\.\d+)*)", completed.stdout)
+    output_lines = (completed.stderr.strip() or completed.stdout.strip() or "nothing").split("\n")
+    return match[1] if match else "", f"(exit {completed.returncode}): {output_lines[0]}"
 
 
 def examine(version: str) -> list[Check]:
@@ -127,18 +128,18 @@ def check_package(name: str) -> Check:
     """Compare the installed version of a dependency with the least one."""
     from importlib.metadata import PackageNotFoundError, version
 
-    least, needed, use = PACKAGES[name]
-    least_text = ".".join(map(str, least))
-    remedy = f"{sys.executable} -m pip install '{name}>={least_text}'"
-    state = "missing" if needed else "note"
+    minimum, is_required, use = PACKAGES[name]
+    minimum_text = ".".join(map(str, minimum))
+    remedy = f"{sys.executable} -m pip install '{name}>={minimum_text}'"
+    state = "missing" if is_required else "note"
     try:
-        found = version(name)
+        installed = version(name)
     except PackageNotFoundError:
         return Check(name, state, f"not installed; for {use}", remedy)
-    numbers = tuple(int(part) for part in re.findall(r"\d+", found)[: len(least)])
-    if numbers < least:
-        return Check(name, state, f"{found}, older than {least_text}", remedy)
-    return Check(name, "ok", found)
+    numbers = tuple(int(part) for part in re.findall(r"\d+", installed)[: len(minimum)])
+    if numbers < minimum:
+        return Check(name, state, f"{installed}, older than {minimum_text}", remedy)
+    return Check(name, "ok", installed)
 
 
 def check_ccx() -> Check:
@@ -147,35 +148,35 @@ def check_ccx() -> Check:
     path = None
     try:
         path = find_ccx()
-        version, said = version_of(path) if path else ("", "")
+        version, output = version_of(path) if path else ("", "")
     except MissingError as error:
         return Check("ccx", "note", str(error), remedy if path else f"correct {CCX_VARIABLE}")
     if path is None:
-        found = "not found; stored responses work without it, new decks need it"
-        return Check("ccx", "note", found, remedy)
+        message = "not found; stored responses work without it, new decks need it"
+        return Check("ccx", "note", message, remedy)
     if not version:
-        return Check("ccx", "note", f"{path} prints no version {said}", remedy)
-    tried = "" if version == CCX_TRIED else f" (tried with {CCX_TRIED})"
-    return Check("ccx", "ok", f"{version}, {path}{tried}")
+        return Check("ccx", "note", f"{path} prints no version {output}", remedy)
+    tested_text = "" if version == CCX_TRIED else f" (tried with {CCX_TRIED})"
+    return Check("ccx", "ok", f"{version}, {path}{tested_text}")
 
 
 def check_gmsh() -> Check:
     """Import gmsh in another process; it is for fingers without a stored mesh."""
     try:
         command = [sys.executable, "-P", "-c", "import gmsh; print(gmsh.__version__)"]
-        answer = _run(command, patience_s=60)
+        completed = _run(command, patience_s=60)
     except (OSError, subprocess.TimeoutExpired) as error:
         return Check("gmsh", "note", f"not tried: {error}")
-    if answer.returncode == 0:
-        return Check("gmsh", "ok", answer.stdout.strip())
-    last = (answer.stderr.strip() or f"exit {answer.returncode}").split("\n")[-1]
-    if "No module named 'gmsh'" in last:
+    if completed.returncode == 0:
+        return Check("gmsh", "ok", completed.stdout.strip())
+    last_line = (completed.stderr.strip() or f"exit {completed.returncode}").split("\n")[-1]
+    if "No module named 'gmsh'" in last_line:
         remedy = f"{sys.executable} -m pip install gmsh"
     else:
-        elsewhere = "conda install -c conda-forge python-gmsh"
-        remedy = f"{SOLVER_INSTALL_LINE} (Debian, Ubuntu); elsewhere {elsewhere}"
-    found = f"cannot be imported ({last}); stored meshes work without it"
-    return Check("gmsh", "note", found, remedy)
+        conda_line = "conda install -c conda-forge python-gmsh"
+        remedy = f"{SOLVER_INSTALL_LINE} (Debian, Ubuntu); elsewhere {conda_line}"
+    message = f"cannot be imported ({last_line}); stored meshes work without it"
+    return Check("gmsh", "note", message, remedy)
 
 
 def cores() -> int:
@@ -187,9 +188,9 @@ def cores() -> int:
 
 def check_threads() -> Check:
     """How many cores there are and how many ccx will take."""
-    asked = os.environ.get("OMP_NUM_THREADS")
-    taken = f"OMP_NUM_THREADS is {asked or 'not set'}"
-    return Check("threads", "ok", f"{cores()} cores; {taken}")
+    requested = os.environ.get("OMP_NUM_THREADS")
+    setting = f"OMP_NUM_THREADS is {requested or 'not set'}"
+    return Check("threads", "ok", f"{cores()} cores; {setting}")
 
 
 def check_folder(folder: Path) -> Check:
@@ -198,22 +199,26 @@ def check_folder(folder: Path) -> Check:
         with tempfile.TemporaryFile(dir=folder):
             free_gib = shutil.disk_usage(folder).free / GIB
     except OSError as error:
-        found = f"{folder} cannot be written: {error.strerror}"
-        return Check("folder", "note", found, "go to another folder, or name one with -o")
-    found = f"{folder}, {free_gib:.1f} GiB free"
+        message = f"{folder} cannot be written: {error.strerror}"
+        return Check("folder", "note", message, "go to another folder, or name one with -o")
+    message = f"{folder}, {free_gib:.1f} GiB free"
     if free_gib < ROOM_GIB:
-        return Check("folder", "note", found, f"make room: a long run wants {ROOM_GIB:g} GiB")
-    return Check("folder", "ok", found)
+        return Check("folder", "note", message, f"make room: a long run wants {ROOM_GIB:g} GiB")
+    return Check("folder", "ok", message)
 
 
 def check_encoding() -> Check:
     """Whether files and terminal speak UTF-8."""
     encoding = sys.getfilesystemencoding().lower()
-    named = [f"{n}={os.environ[n]}" for n in ("LC_ALL", "LC_CTYPE", "LANG") if os.environ.get(n)]
-    found = f"{encoding}, {' '.join(named) or 'no locale set'}"
+    variables = [
+        f"{name}={os.environ[name]}"
+        for name in ("LC_ALL", "LC_CTYPE", "LANG")
+        if os.environ.get(name)
+    ]
+    message = f"{encoding}, {' '.join(variables) or 'no locale set'}"
     if encoding.replace("-", "") != "utf8":
-        return Check("locale", "note", found, "export LC_ALL=C.UTF-8")
-    return Check("locale", "ok", found)
+        return Check("locale", "note", message, "export LC_ALL=C.UTF-8")
+    return Check("locale", "ok", message)
 
 
 def _run(command: list[str], patience_s: float) -> subprocess.CompletedProcess[str]:

@@ -52,11 +52,11 @@ class ObservedRates:
         Raises UsageError: there is no such class here.
         """
         if afferent not in self.afferents:
-            found = f"no observed rates of {afferent!r}, only of {', '.join(self.afferents)}"
-            raise UsageError(f"{found}: {self.path}")
+            message = f"no observed rates of {afferent!r}, only of {', '.join(self.afferents)}"
+            raise UsageError(f"{message}: {self.path}")
         rate_ips = self.rate_ips[:, self.afferents.index(afferent)]
-        there = np.flatnonzero(~np.isnan(rate_ips))
-        return tuple(self.stimuli[row] for row in there), rate_ips[there]
+        rows = np.flatnonzero(~np.isnan(rate_ips))
+        return tuple(self.stimuli[row] for row in rows), rate_ips[rows]
 
     def rates(self) -> list[Rate]:
         """All rates one by one, as a table has them: stimulus after stimulus."""
@@ -84,11 +84,11 @@ def read_observed(source: "Path | pd.DataFrame", *, complete: bool = True) -> Ob
     rates = pd.DataFrame({"stimulus": stimuli, "afferent": afferents})
     table.refuse_duplicates(rates)
     rates["rate_ips"] = table.numbers("rate_ips", least=0)
-    for name, of_class in rates.groupby("afferent")["rate_ips"]:
-        highest = of_class.max()
+    for name, class_rates in rates.groupby("afferent")["rate_ips"]:
+        highest = class_rates.max()
         if highest > MAX_RATE_IPS or 0 < highest <= LEAST_TOP_RATE_IPS:
             raise table.error(
-                int(of_class.index[int(of_class.argmax())]),
+                int(class_rates.index[int(class_rates.argmax())]),
                 f"rate_ips is {highest:g}, the highest of {name}: expected impulses a second, "
                 f"{LEAST_TOP_RATE_IPS:g} to {MAX_RATE_IPS:g}",
             )
@@ -98,10 +98,10 @@ def read_observed(source: "Path | pd.DataFrame", *, complete: bool = True) -> Ob
     rate_ips = wide.loc[order, classes].to_numpy(dtype=np.float64, copy=True)
     missing = np.argwhere(np.isnan(rate_ips))
     if complete and missing.size:
-        stimulus, lacking = missing[0].tolist()
+        stimulus, column = missing[0].tolist()
         raise table.error(
             stimuli.index(order[stimulus]),
-            f"{order[stimulus]} has no rate of {classes[lacking]}, which other stimuli have",
+            f"{order[stimulus]} has no rate of {classes[column]}, which other stimuli have",
         )
     rate_ips.flags.writeable = False
     digest = sha256_of(source) if isinstance(source, Path) else ""
@@ -110,16 +110,16 @@ def read_observed(source: "Path | pd.DataFrame", *, complete: bool = True) -> Ob
 
 def _stimuli(table: TextTable) -> list[str]:
     """Id of the stimulus of each row, as the catalogue spells it."""
-    words = table.words("stimulus")
+    texts = table.words("stimulus")
     spelled: dict[str, str] = {}
-    for row, word in enumerate(words):
-        if word in spelled:
+    for row, text in enumerate(texts):
+        if text in spelled:
             continue
         try:
-            [spelled[word], *more] = [entry.id for entry in resolve(word)]
+            [spelled[text], *others] = [entry.id for entry in resolve(text)]
         except StimulusError as error:
             raise table.error(row, str(error)) from error
-        if more:
-            found = f"{word!r} names {len(more) + 1} stimuli"
-            raise table.error(row, f"{found}, expected one row a level")
-    return [spelled[word] for word in words]
+        if others:
+            message = f"{text!r} names {len(others) + 1} stimuli"
+            raise table.error(row, f"{message}, expected one row a level")
+    return [spelled[text] for text in texts]

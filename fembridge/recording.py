@@ -1,10 +1,10 @@
-"""Spikes as other programs take them: NWB, Neo, SONATA, MATLAB, NumPy, and simulators.
+"""Spikes in the formats of other programs: NWB, Neo, SONATA, MATLAB, NumPy, and simulators.
 
-A recording is units under trials, which share one clock: time 0 is that of the tables, no
-spike is at 0, and `t_stop_ms` is the trace's last sample. Formats of one clock for all
-(NWB, SONATA) have trial after trial, each as long as its samples.
+A recording holds the spikes of units in trials. All trials share one clock: time 0 is that of
+the tables, no spike is at 0, and `t_stop_ms` is the last sample of the stress trace. Formats
+with a single time axis (NWB, SONATA) store the trials one after another.
 
-Each library is imported by the function that needs it.
+Each function imports the library that it needs.
 """
 
 import hashlib
@@ -28,6 +28,8 @@ from fembridge.version import __version__
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    import h5py
+
     from fembridge.simulation import Simulation
     from fembridge.touching.touch import Touch
 
@@ -36,14 +38,14 @@ _MM_PER_UM = 1.0e-3
 _COLUMNS = {
     "unit": "name of the unit",
     "afferent": "class of the afferent: SA, RA or PC",
-    "cell": "which cell of the class, from 1, the most sensitive first; 0: a single one",
-    "node": "node of the finite-element model that its stress is of",
-    "x_mm": "place across the finger, mm, 0 in the middle of the pad",
-    "z_mm": "place along the finger towards the tip, mm",
-    "depth_mm": "depth under the skin, mm",
-    "deviate": "needs exp(spread deviate) times the stress of the median unit",
+    "cell": "cell of the class, from 1 (the most sensitive); 0: a single cell",
+    "node": "node of the finite-element model from which its stress is read",
+    "x_mm": "position across the finger, mm, 0 in the middle of the pad",
+    "z_mm": "position along the finger towards the tip, mm",
+    "depth_mm": "depth below the skin surface, mm",
+    "deviate": "deviate of its threshold: exp(spread deviate) times the stress of the median unit",
 }
-# What TouchSim calls the classes.
+# Names of the classes in TouchSim.
 _TOUCHSIM = {"SA": "SA1", "RA": "RA", "PC": "PC"}
 _SONATA_MAGIC, _SONATA_VERSION = 0x0A7A, (0, 1)
 
@@ -53,9 +55,11 @@ class Recording:
     """Spikes of `unit` ``(U,)`` in `stimulus` ``(K,)`` trials, in order of trial, unit, time.
 
     Unit u in trial k has ``time_ms[start[k U + u] : start[k U + u + 1]]``. `repeat` ``(K,)``
-    counts trials of one stimulus from 1, 0 is a single one. `columns` are what is known of
-    each unit. `depth_um` ``(K, T)`` is the stimulus from time 0, every `dt_ms`, NaN behind
-    the end of a shorter one.
+    counts trials of one stimulus from 1; 0 is a single trial. `columns` are properties of the
+    units, ``(U,)`` each. `depth_um` ``(K, T)`` is the stimulus from time 0, every `dt_ms`, NaN
+    after the end of a shorter stimulus.
+
+    Raises UsageError: a spike at or before time 0, or after `t_stop_ms`.
     """
 
     unit: tuple[str, ...]
@@ -73,38 +77,43 @@ class Recording:
         if self.time_ms.size and not 0 < self.time_ms.min() <= self.time_ms.max() <= self.t_stop_ms:
             raise UsageError(
                 f"spikes from {self.time_ms.min():g} to {self.time_ms.max():g} ms, expected after "
-                f"0 and up to {self.t_stop_ms:g} ms: a recording starts at time 0"
+                f"0 and up to {self.t_stop_ms:g} ms"
             )
 
     # ---- From results
 
     @classmethod
     def of(cls, result: "Touch | Simulation") -> "Recording":
-        """The recording of what `fembridge.touch` or `fembridge.simulate` gave.
+        """Recording of a result of `fembridge.touch` or `fembridge.simulate`.
 
-        A touch has a trial a repeat; a simulation a trial a stimulus, and a unit a cell.
+        A touch has one trial per repeat; a simulation one trial per stimulus, one unit per cell.
         """
         from fembridge.touching.touch import Touch
 
         if not isinstance(result, Touch):
             nodes = {(str(trace.afferent), ""): trace.node for trace in result.traces[0]}
-            depth_um = stacked([one.displacement_um for one in result.stimuli])
+            depth_um = stacked([stimulus.displacement_um for stimulus in result.stimuli])
             dt_ms = result.stimuli[0].dt_ms
             t_stop_ms = (depth_um.shape[1] - 1) * dt_ms
             return cls.of_trains(result.trains, dt_ms, t_stop_ms, nodes, depth_um)
-        units, fired, way, trials = result.population, result.fired, result.way, result.trials
-        places = ("x_mm", "z_mm", "depth_mm", "deviate")
+        units, fired, trajectory, trials = (
+            result.population,
+            result.fired,
+            result.way,
+            result.trials,
+        )
+        properties = ("x_mm", "z_mm", "depth_mm", "deviate")
         return cls(
             unit=units.unit,
             afferent=units.afferent,
-            stimulus=(way.name,) * trials,
+            stimulus=(trajectory.name,) * trials,
             repeat=tuple(range(1, trials + 1)) if trials > 1 else (0,),
-            **_in_rows(
+            **_sorted_spikes(
                 (fired.trial - 1) * len(units) + fired.unit, fired.time_ms, len(units) * trials
             ),
-            dt_ms=way.dt_ms,
-            t_stop_ms=float(way.times_ms[-1]),
-            columns={name: getattr(units, name) for name in places},
+            dt_ms=trajectory.dt_ms,
+            t_stop_ms=float(trajectory.times_ms[-1]),
+            columns={name: getattr(units, name) for name in properties},
             depth_um=np.tile(result.depth_um, (trials, 1)),
         )
 
@@ -117,16 +126,25 @@ class Recording:
         nodes: Mapping[tuple[str, str], int] | None = None,
         depth_um: FloatArray | None = None,
     ) -> "Recording":
-        """A recording of spike trains: a trial a stimulus, a unit a cell of a class.
+        """Recording of spike trains: one trial per stimulus, one unit per cell of a class.
 
-        `nodes` are by class and name of the unit.
+        Parameters
+        ----------
+        trains
+            Spike trains; their times in ms.
+        dt_ms, t_stop_ms
+            Time step, and last sample of the longest trial.
+        nodes
+            Node of each unit, by class and name of the unit; default: none is stored.
+        depth_um
+            Stimulus of each trial ``(K, T)``; default: none is stored.
         """
-        who = [(train.afferent, train.unit, train.repeat) for train in trains]
-        cells = list(dict.fromkeys(who))
+        cell_keys = [(train.afferent, train.unit, train.repeat) for train in trains]
+        cells = list(dict.fromkeys(cell_keys))
         stimuli = list(dict.fromkeys(train.stimulus for train in trains))
         row = [
-            stimuli.index(train.stimulus) * len(cells) + cells.index(one)
-            for train, one in zip(trains, who, strict=True)
+            stimuli.index(train.stimulus) * len(cells) + cells.index(key)
+            for train, key in zip(trains, cell_keys, strict=True)
         ]
         rows = np.repeat(row, [train.times_ms.size for train in trains]).astype(np.int64)
         time_ms = np.concatenate([np.zeros(0), *(train.times_ms for train in trains)])
@@ -138,7 +156,7 @@ class Recording:
             afferent=tuple(name for name, *_ in cells),
             stimulus=tuple(stimuli),
             repeat=(0,) * len(stimuli),
-            **_in_rows(rows, time_ms, len(cells) * len(stimuli)),
+            **_sorted_spikes(rows, time_ms, len(cells) * len(stimuli)),
             dt_ms=dt_ms,
             t_stop_ms=t_stop_ms,
             columns=columns,
@@ -146,41 +164,41 @@ class Recording:
         )
 
     def spikes_ms(self, unit: int, trial: int = 0) -> FloatArray:
-        """Spikes of the unit and trial of these rows."""
+        """Spike times of a unit in a trial, both rows from 0; default: the first trial."""
         row = trial * len(self.unit) + unit
         return self.time_ms[self.start[row] : self.start[row + 1]]
 
     @property
     def trial_ms(self) -> FloatArray:
-        """When each trial begins ``(K,)`` where they follow one another."""
+        """Start of each trial ``(K,)`` when trials follow one another."""
         return np.arange(len(self.stimulus), dtype=np.float64) * (self.t_stop_ms + self.dt_ms)
 
     @property
     def end_ms(self) -> FloatArray:
-        """Last sample of each trial ``(K,)``: that of a shorter waveform comes sooner."""
+        """Last sample of each trial ``(K,)``; a shorter waveform ends earlier."""
         if self.depth_um is None:
             return np.full(len(self.stimulus), self.t_stop_ms)
         last = np.isfinite(self.depth_um).sum(axis=1) - 1
         return np.asarray(last * self.dt_ms, dtype=np.float64)
 
-    def _about(self, unit: int) -> dict[str, Any]:
-        """What is known of a unit, by name."""
-        known = {name: values[unit].item() for name, values in self.columns.items()}
-        return {"unit": self.unit[unit], "afferent": self.afferent[unit], **known}
+    def _unit_properties(self, unit: int) -> dict[str, Any]:
+        """Properties of a unit, by name."""
+        properties = {name: values[unit].item() for name, values in self.columns.items()}
+        return {"unit": self.unit[unit], "afferent": self.afferent[unit], **properties}
 
-    def _one_clock_ms(self, unit: int) -> FloatArray:
+    def _continuous_times_ms(self, unit: int) -> FloatArray:
         trials = [start + self.spikes_ms(unit, k) for k, start in enumerate(self.trial_ms)]
         return np.concatenate(trials)
 
     # ---- To files
 
     def write(self, path: Path | str) -> Path:
-        """Write a file of the format of its suffix, as `FORMATS` has them.
+        """Write a file; its suffix selects one of `FORMATS`.
 
         Raises UsageError: another suffix. MissingError: the format's library is not installed.
         """
         path = Path(path)
-        writers = {one.suffix: one.write for one in FORMATS.values()}
+        writers = {entry.suffix: entry.write for entry in FORMATS.values()}
         if path.suffix not in writers:
             hint = near_hint(path.suffix, writers)
             raise UsageError(f"{path}: expected a name in {', '.join(writers)}{hint}")
@@ -189,8 +207,8 @@ class Recording:
         return path
 
     def _write_npz(self, path: Path) -> None:
-        own = ("unit", "afferent", "stimulus", "repeat", "time_ms", "start", "dt_ms", "t_stop_ms")
-        arrays: dict[str, Any] = {name: np.array(getattr(self, name)) for name in own}
+        names = ("unit", "afferent", "stimulus", "repeat", "time_ms", "start", "dt_ms", "t_stop_ms")
+        arrays: dict[str, Any] = {name: np.array(getattr(self, name)) for name in names}
         arrays.update(self.columns)
         if self.depth_um is not None:
             arrays["depth_um"] = self.depth_um
@@ -198,7 +216,7 @@ class Recording:
             np.savez_compressed(file, **arrays)
 
     def _write_mat(self, path: Path) -> None:
-        """A struct `response`, with the fields of TouchSim's ResponseCollection; seconds."""
+        """Struct `response` with the fields of TouchSim's ResponseCollection; times in seconds."""
         from scipy.io import savemat
 
         count, seconds = len(self.unit), self.end_ms * _S_PER_MS
@@ -207,17 +225,17 @@ class Recording:
         for k, unit in np.ndindex(responses.shape):
             spikes_s = self.spikes_ms(unit, k) * _S_PER_MS
             responses[k, unit] = spikes_s, spikes_s.size / seconds[k], seconds[k]
-        nowhere = np.full(count, np.nan)
-        place = [self.columns.get(name, nowhere) for name in ("x_mm", "z_mm")]
+        unknown = np.full(count, np.nan)
+        location = [self.columns.get(name, unknown) for name in ("x_mm", "z_mm")]
         classes = [_TOUCHSIM.get(name, name) for name in self.afferent]
         afferents = {
             "num": count,
             "class": np.array(classes, dtype=object),
             "unit": np.array(self.unit, dtype=object),
-            "location": np.stack(place, -1),
-            "depth": self.columns.get("depth_mm", nowhere),
-            **{f"i{name}": np.array([each == name for each in classes]) for name in ("SA1", "RA")},
-            "iPC": np.array([each == "PC" for each in classes]),
+            "location": np.stack(location, -1),
+            "depth": self.columns.get("depth_mm", unknown),
+            **{f"i{name}": np.array([item == name for item in classes]) for name in ("SA1", "RA")},
+            "iPC": np.array([item == "PC" for item in classes]),
         }
         stimulus = {
             "name": np.array(self.stimulus, dtype=object),
@@ -237,30 +255,32 @@ class Recording:
         savemat(path, {"response": response}, oned_as="column", do_compression=True)
 
     def _write_nwb(self, path: Path) -> None:
-        with _library("nwb"):
+        with _require_library("nwb"):
             from pynwb import NWBHDF5IO
-        with NWBHDF5IO(path, "w") as file:
-            file.write(self.to_nwb())
+        with _hdf5_in_memory(path) as file, NWBHDF5IO(mode="w", file=file) as writer:
+            writer.write(self.to_nwb())
+            _copy_to_disk(file, path)
 
     def _write_neo(self, path: Path) -> None:
         block = self.to_neo()
-        with _library("neo"):
+        with _require_library("neo"):
             from neo.io import PickleIO
         PickleIO(path).write_block(block)
 
     def _write_sonata(self, path: Path) -> None:
-        """Spikes and nodes of one population, `afferents`, in one file; trials end to end."""
-        with _library("sonata"):
+        """Spikes and nodes of one population, `afferents`; trials follow one another."""
+        with _require_library("sonata"):
             import h5py
-        time_ms = [self._one_clock_ms(unit) for unit in range(len(self.unit))]
-        with h5py.File(path, "w") as file:
+
+        time_ms = [self._continuous_times_ms(unit) for unit in range(len(self.unit))]
+        with _hdf5_in_memory(path) as file:
             file.attrs["magic"] = np.uint32(_SONATA_MAGIC)
             file.attrs["version"] = np.array(_SONATA_VERSION, dtype=np.uint32)
             spikes = file.create_group("spikes/afferents")
-            ids = np.repeat(np.arange(len(self.unit)), [each.size for each in time_ms])
-            every_ms = np.concatenate(time_ms)
-            order = np.lexsort((ids, every_ms))
-            spikes["timestamps"] = every_ms[order]
+            ids = np.repeat(np.arange(len(self.unit)), [unit_ms.size for unit_ms in time_ms])
+            sorted_ms = np.concatenate(time_ms)
+            order = np.lexsort((ids, sorted_ms))
+            spikes["timestamps"] = sorted_ms[order]
             spikes["timestamps"].attrs["units"] = "ms"
             spikes["node_ids"] = ids[order].astype(np.uint64)
             kinds = h5py.enum_dtype({"none": 0, "by_id": 1, "by_time": 2}, basetype="u1")
@@ -277,12 +297,13 @@ class Recording:
             trials["repeat"] = np.array(self.repeat)
             trials["start_ms"] = self.trial_ms
             trials["stop_ms"] = self.trial_ms + self.end_ms
+            _copy_to_disk(file, path)
 
     # ---- To other libraries
 
     def to_neo(self) -> Any:  # noqa: ANN401 - a neo.Block
-        """A `neo.Block`: a segment a trial, a spike train a unit, annotated."""
-        with _library("neo"):
+        """A `neo.Block`: one segment per trial, one annotated spike train per unit."""
+        with _require_library("neo"):
             import neo
             import quantities
         ms = quantities.ms
@@ -294,7 +315,7 @@ class Recording:
                     self.spikes_ms(u, k) * ms,
                     t_stop=self.end_ms[k] * ms,
                     name=unit,
-                    **self._about(u),
+                    **self._unit_properties(u),
                 )
                 segment.spiketrains.append(train)
             if self.depth_um is not None:
@@ -308,13 +329,13 @@ class Recording:
             block.segments.append(segment)
         return block
 
-    def to_nwb(self, **about: Any) -> Any:  # noqa: ANN401 - words of pynwb, its NWBFile
-        """A `pynwb.NWBFile`; `about` takes the place of what it says of the session.
+    def to_nwb(self, **session_fields: Any) -> Any:  # noqa: ANN401 - pynwb's own
+        """A `pynwb.NWBFile`; `session_fields` override its fields, such as `institution`.
 
-        Among others `session_start_time`, `experimenter`, `institution` and `subject`, a
-        `pynwb.file.Subject`. Nobody was recorded: the default subject says so.
+        Other fields are `session_start_time`, `experimenter` and `subject`, a
+        `pynwb.file.Subject`. The default subject is described as simulated.
         """
-        with _library("nwb"):
+        with _require_library("nwb"):
             from pynwb import NWBFile, TimeSeries
             from pynwb.file import Subject
             from pynwb.misc import Units
@@ -336,72 +357,72 @@ class Recording:
                 species="Homo sapiens",
                 sex="U",
                 age="P0D/",
-                description="a model of a fingertip; nobody was recorded",
+                description="a model of a fingertip; no subject was recorded",
             ),
         }
-        found = NWBFile(**{**session, **about})
-        found.units = Units(
+        file = NWBFile(**{**session, **session_fields})
+        file.units = Units(
             name="units", description="simulated afferents", resolution=self.dt_ms * _S_PER_MS
         )
         for name in ("unit", "afferent", *self.columns):
-            found.add_unit_column(name, _COLUMNS[name])
+            file.add_unit_column(name, _COLUMNS[name])
         for u in range(len(self.unit)):
-            times_s = self._one_clock_ms(u) * _S_PER_MS
-            found.add_unit(spike_times=times_s, obs_intervals=seconds, **self._about(u))
-        if len(self.stimulus) > 1:  # the inspector takes a table of one row for a mistake
-            found.add_trial_column("stimulus", "name of the stimulus")
-            found.add_trial_column("repeat", "which trial of the stimulus, from 1; 0: the only one")
+            times_s = self._continuous_times_ms(u) * _S_PER_MS
+            file.add_unit(spike_times=times_s, obs_intervals=seconds, **self._unit_properties(u))
+        if len(self.stimulus) > 1:  # the inspector reports a table of one row
+            file.add_trial_column("stimulus", "name of the stimulus")
+            file.add_trial_column("repeat", "trial of the stimulus, from 1; 0: a single trial")
             for k, (start_s, stop_s) in enumerate(seconds):
-                found.add_trial(start_s, stop_s, stimulus=self.stimulus[k], repeat=self.repeat[k])
+                file.add_trial(start_s, stop_s, stimulus=self.stimulus[k], repeat=self.repeat[k])
         if self.depth_um is not None:
-            found.add_stimulus(
+            file.add_stimulus(
                 TimeSeries(
                     name="depth",
                     data=self.depth_um.ravel() * 1e-6,
                     unit="m",
                     rate=1.0 / (self.dt_ms * _S_PER_MS),
                     starting_time=0.0,
-                    description=f"depth of what touches, from first touch: {stimuli}",
+                    description=f"depth of the probe or shape, 0 at first touch: {stimuli}",
                 )
             )
-        return found
+        return file
 
     def to_brian2(self, trial: int = 0) -> Any:  # noqa: ANN401 - untyped
         """A `brian2.SpikeGeneratorGroup` of all units in one trial."""
-        with _library("brian2"):
+        with _require_library("brian2"):
             from brian2 import SpikeGeneratorGroup, ms
         unit, step = self._steps(trial)
         times = step * self.dt_ms * ms
         return SpikeGeneratorGroup(len(self.unit), unit, times, sorted=False)
 
     def to_nest(self, trial: int = 0) -> Any:  # noqa: ANN401 - untyped
-        """A NEST NodeCollection of `spike_generator`, one a unit, that fire as in one trial.
+        """A NEST NodeCollection with one `spike_generator` per unit, for one trial.
 
-        Times are on NEST's grid; its resolution has to divide `dt_ms`.
+        NEST's resolution has to divide `dt_ms`.
         """
-        with _library("nest"):
+        with _require_library("nest"):
             import nest
         times = [{"spike_times": self.spikes_ms(u, trial)} for u in range(len(self.unit))]
         return nest.Create("spike_generator", len(self.unit), params=times)
 
     def to_torch(self) -> Any:  # noqa: ANN401 - untyped
-        """A float tensor ``(T, K, U)``, 1 where a unit fires: as snnTorch and Norse take it.
+        """A float tensor ``(T, K, U)``, 1 where a unit fires, for snnTorch and Norse.
 
-        Time is first, trials are the batch; row n is the step that ends at ``n dt_ms``.
+        Time is the first axis, trials are the batch; row n is the step that ends at ``n dt_ms``.
         """
-        with _library("torch"):
+        with _require_library("torch"):
             import torch
         return torch.from_numpy(self.to_dense())
 
     def to_dense(self) -> Any:  # noqa: ANN401 - an array of float32
-        """What `to_torch` gives as an array ``(T, K, U)`` of float32."""
+        """The array of `to_torch`, ``(T, K, U)``, as float32."""
         trials = len(self.stimulus)
         last = round(self.t_stop_ms / self.dt_ms)
-        found = np.zeros((last + 1, trials, len(self.unit)), dtype=np.float32)
+        dense = np.zeros((last + 1, trials, len(self.unit)), dtype=np.float32)
         for k in range(trials):
             unit, step = self._steps(k)
-            found[step, k, unit] = 1.0
-        return found
+            dense[step, k, unit] = 1.0
+        return dense
 
     def _steps(self, trial: int) -> tuple[IntArray, IntArray]:
         """Unit and time step of each spike of a trial."""
@@ -412,7 +433,7 @@ class Recording:
 
 
 class Format(NamedTuple):
-    """A word of ``--export``: the suffix of its file, what writes one, of which library."""
+    """A format of ``--export``: file suffix, function that writes it, library that it needs."""
 
     suffix: str
     write: Callable[[Recording, Path], None]
@@ -426,27 +447,27 @@ FORMATS: Mapping[str, Format] = {
     "neo": Format(".pkl", Recording._write_neo, "neo"),
     "sonata": Format(".h5", Recording._write_sonata, "h5py"),
 }
-EXPORTED = tuple(f"spikes{one.suffix}" for one in FORMATS.values())
+EXPORTED = tuple(f"spikes{entry.suffix}" for entry in FORMATS.values())
 """Files of ``--export``."""
 
 
 def require_libraries(formats: Sequence[str]) -> None:
-    """Refuse `formats` whose library is not installed, before anything is computed.
+    """Check that the libraries of `formats` are installed.
 
-    Raises MissingError: it is not.
+    Raises MissingError: a library is not installed.
     """
-    for word in formats:
-        with _library(word):
-            import_module(FORMATS[word].library)
+    for name in formats:
+        with _require_library(name):
+            import_module(FORMATS[name].library)
 
 
 def exports(recording: Recording, formats: Sequence[str]) -> dict[str, Callable[[Path], Path]]:
-    """Names of the files of ``spikes`` in `formats`, with what writes each to its path."""
-    return {f"spikes{FORMATS[word].suffix}": recording.write for word in formats}
+    """File names ``spikes.*`` of `formats`, each with the function that writes it to a path."""
+    return {f"spikes{FORMATS[name].suffix}": recording.write for name in formats}
 
 
 @contextmanager
-def _library(name: str) -> "Iterator[None]":
+def _require_library(name: str) -> "Iterator[None]":
     try:
         yield
     except ImportError as error:
@@ -454,7 +475,23 @@ def _library(name: str) -> "Iterator[None]":
         raise MissingError(f"{error}: install {name} first, pip install {line}") from error
 
 
-def _in_rows(row: IntArray, time_ms: FloatArray, count: int) -> dict[str, Any]:
-    """Spikes in order of their `row` of `count` and of time; where those of each row begin."""
+def _hdf5_in_memory(path: Path) -> "h5py.File":
+    """An open HDF5 file in memory, to be copied to `path`.
+
+    On a full disk HDF5 prints its error stack and may crash.
+    """
+    import h5py
+
+    return h5py.File(path.name, "w", driver="core", backing_store=False)
+
+
+def _copy_to_disk(file: "h5py.File", path: Path) -> None:
+    """Write an open HDF5 file of `_hdf5_in_memory` to `path`."""
+    file.flush()
+    path.write_bytes(file.id.get_file_image())
+
+
+def _sorted_spikes(row: IntArray, time_ms: FloatArray, count: int) -> dict[str, Any]:
+    """Spike times sorted by `row` and time, and the start index of each of `count` rows."""
     start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=count))])
     return {"time_ms": time_ms[np.lexsort((time_ms, row))], "start": start.astype(np.int64)}

@@ -10,7 +10,7 @@ After a run the solver's own files (``job.frd``, ``job.dat``, ``job.sta``,
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,10 @@ RUN_FILE = "run.toml"
 STIMULUS_FILE = "stimulus.csv"
 SOLVER_FILE = "solver.toml"
 COLUMNS = ["time_ms", "displacement_um", "aside_um"]
+
+# Sections of the inputs.
+_TABLES = ("base_deck", "contact", "finger", "parameters", "probe", "stimulus")
+_MOST_WHOLE = 2**63 - 1  # as TOML has it
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,8 +131,13 @@ class RunFolder:
             return None
         chosen = {key: stimulus[key] for key in ("window_ms", "preindent_um") if key in stimulus}
         if isinstance(base := self.inputs.get("base_deck"), Mapping):
-            if stands_um := base.get("stands_um"):  # where the deck's own steps leave the probe
-                chosen["preindent_um"] = round(chosen.get("preindent_um", 0.0) + stands_um, 6)
+            stands_um = base.get("stands_um", 0.0)  # where the deck's own steps leave the probe
+            depth_um = chosen.get("preindent_um", 0.0)
+            for key, value in (("base_deck.stands_um", stands_um), ("preindent_um", depth_um)):
+                if isinstance(value, bool) or not isinstance(value, int | float):
+                    raise ResultError(f"inputs: {key} is {value!r}, expected a number", path)
+            if stands_um:
+                chosen["preindent_um"] = round(depth_um + stands_um, 6)
             known = {"name": base.get("file", ""), "sha256": base.get("sha256", "")}
         else:
             known = finger_id(finger) if isinstance(finger, Mapping) else {}
@@ -236,7 +245,29 @@ def read_run_folder(folder: Path) -> RunFolder:
         raise failed(f"time.dt_ms is {time.dt_ms}, expected more than 0")
     if time.start_ms > run.end_ms:
         raise failed(f"time.start_ms is {time.start_ms:g}, after the end at {run.end_ms:g} ms")
+    for key, content in _values_in(table):
+        if isinstance(content, float) and not math.isfinite(content):
+            raise failed(f"{key} is {content}, expected a finite number")
+        if isinstance(content, int) and abs(content) > _MOST_WHOLE:
+            raise failed(f"{key} is larger than a whole number of 64 bits")
+        if not isinstance(content, bool | int | float | str):
+            raise failed(f"{key} is {content}, expected a number or a word")
+    for name in _TABLES:
+        if not isinstance(run.inputs.get(name, {}), Mapping):
+            raise failed(f"inputs.{name}: expected a table")
     return run
+
+
+def _values_in(value: object, key: str = "") -> Iterator[tuple[str, object]]:
+    """Values of nested tables and lists, each with its key, as ``inputs.probe.x_mm``."""
+    if isinstance(value, Mapping):
+        for name, item in value.items():
+            yield from _values_in(item, f"{key}.{name}" if key else str(name))
+    elif isinstance(value, list):
+        for item in value:
+            yield from _values_in(item, key)
+    else:
+        yield key, value
 
 
 def read_waveform(folder: Path) -> tuple[FloatArray, FloatArray]:

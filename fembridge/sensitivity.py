@@ -1,8 +1,8 @@
-"""Which parameter of a finger moves the answers how much, read off a sweep's table.
+"""Effects of a finger's parameters on rates and stress, from the table of a sweep.
 
-`read_swept` takes the table, ``results.csv`` or its summary, a row a finger. Where one
-parameter was moved at a time, `single_effects` has what each does alone; where all
-were, `rank_regressions` has what each does among all. Both are tables with a row a
+`read_swept` reads ``results.csv`` or its summary, which has one row per finger. If one
+parameter was varied at a time, `single_effects` has the effect of each; if all were varied,
+`rank_regressions` has their regression coefficients. Both are tables with one row per
 parameter and output.
 """
 
@@ -25,7 +25,7 @@ from fembridge.typing import BoolArray, FloatArray
 from fembridge.words import ABSENT, markdown, number, split_unit
 
 ALL = "all"
-"""In the place of a group: the mean over all stimuli."""
+"""Group of all stimuli."""
 
 RATE = "rate_ips"
 STRESS = "peak_stress_pa"
@@ -37,24 +37,25 @@ RESULT_COLUMNS = ("stimulus", "afferent", RATE, STRESS, "status", "cause")
 _OF_AN_ITEM = ("spikes", "run")
 
 RESAMPLES = 2000
-SHARE = 0.95
-"""Of resamples inside an interval."""
+INTERVAL_SHARE = 0.95
+"""Share of the resamples inside a confidence interval."""
 
 # A column of the summary, as SA:rate_ips:sine_20.
 _OUTPUT = re.compile(rf"([A-Z][A-Z0-9_]*):({'|'.join(QUANTITIES)}):(\S+)")
-# Of a correlation matrix: below this, parameters of a resample go together.
+# Eigenvalue of a correlation matrix below which parameters are collinear.
 _SINGULAR = 1e-9
-# A table for people has no decimals where a number is large anyway.
+# Rates from here on are printed without decimals.
 _LARGE = 100.0
 _PA_PER_KPA = 1000.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SweptFingers:
-    """A row a finger: its `parameters`, and its `answers`, a column an output.
+    """Fingers of a sweep, one row each: `parameters`, and `answers` with one column per output.
 
-    Parameters that are the same in all fingers are left out. `causes` are why fingers
-    were left out, one each.
+    Only parameters that vary are included. `causes` has the failure of each omitted finger.
+
+    Raises UsageError: fewer than two fingers, or no parameter varies.
     """
 
     parameters: pd.DataFrame
@@ -66,10 +67,10 @@ class SweptFingers:
             lost = f", {len(self.causes)} failed" if self.causes else ""
             raise UsageError(f"fingers: {len(self.parameters)}{lost}, expected two or more")
         if not self.parameters.columns.size:
-            raise UsageError("no parameter is different from finger to finger")
+            raise UsageError("no parameter varies between the fingers")
 
     def to_csv(self) -> str:
-        """Summary with a column ``SA:rate_ips:sine_20`` for each output; six digits."""
+        """Summary as CSV, with columns as ``SA:rate_ips:sine_20``; six significant digits."""
         answers = self.answers.set_axis(
             [":".join(map(str, output)) for output in self.answers.columns.to_flat_index()], axis=1
         )
@@ -77,19 +78,19 @@ class SweptFingers:
 
 
 def read_swept(path: Path) -> SweptFingers:
-    """Fingers of ``results.csv`` of a sweep, or of a summary of one.
+    """Fingers of ``results.csv`` of a sweep, or of its summary.
 
-    A finger of which anything failed is left out; its cause is kept. Raises TableError: neither of
-    them, or a cell that is no number where one is expected. UsageError: nothing to compare.
+    A finger with a failed item is omitted, with its cause in `causes`. Raises TableError: another
+    table, or a cell that is not a number. UsageError: nothing to compare.
     """
     table = read_table(path)
     if "stimulus" in table.header:
         table.check_header(RESULT_COLUMNS)
         parameters = table.header[: table.header.index("stimulus")]
         table.check_columns((*parameters, *RESULT_COLUMNS), _OF_AN_ITEM)
-        return _from_results(table)
-    found = {name: match.groups() for name in table.header if (match := _OUTPUT.fullmatch(name))}
-    if not found:
+        return _fingers_of_results(table)
+    outputs = {name: match.groups() for name in table.header if (match := _OUTPUT.fullmatch(name))}
+    if not outputs:
         raise TableError(
             "neither results.csv of a sweep, with a column stimulus, nor a summary of "
             "one, with columns as SA:rate_ips:all",
@@ -97,13 +98,13 @@ def read_swept(path: Path) -> SweptFingers:
             1,
         )
     numbers = pd.DataFrame({name: table.numbers(name) for name in table.header})
-    answers = numbers[list(found)]
-    answers.columns = pd.MultiIndex.from_tuples(found.values(), names=OUTPUT)
-    return SweptFingers(numbers.drop(columns=list(found)), answers)
+    answers = numbers[list(outputs)]
+    answers.columns = pd.MultiIndex.from_tuples(outputs.values(), names=OUTPUT)
+    return SweptFingers(numbers.drop(columns=list(outputs)), answers)
 
 
 def group_of(stimulus: str) -> str:
-    """Set of a stimulus: ``sine_20`` by its frequency, or its family."""
+    """Group of a stimulus: for a sinusoid its set, as ``sine_20``, otherwise its family."""
     try:
         [entry] = resolve([stimulus])
     except (StimulusError, ValueError):
@@ -111,8 +112,8 @@ def group_of(stimulus: str) -> str:
     return stimulus.rpartition("_")[0] if entry.family == "sine" else entry.family
 
 
-def _from_results(table: TextTable) -> SweptFingers:
-    """The rows of each finger gathered: its parameters stand before the column stimulus."""
+def _fingers_of_results(table: TextTable) -> SweptFingers:
+    """Fingers of ``results.csv``, whose parameters are the columns before ``stimulus``."""
     names = table.header[: table.header.index("stimulus")]
     cells = pd.DataFrame({name: table.column(name) for name in names}, range(table.size))
     finger = np.zeros(table.size, dtype=int)
@@ -120,28 +121,28 @@ def _from_results(table: TextTable) -> SweptFingers:
         finger = cells.groupby(list(names), sort=False).ngroup().to_numpy()
     failed = table.choices("status", ("done", "failed")) == "failed"
     causes = pd.Series(table.column("cause"), dtype=str)[failed].groupby(finger[failed]).first()
-    done = table.where(~failed)
+    finished = table.where(~failed)
     rows = pd.DataFrame(
         {
             "finger": finger[~failed],
-            "stimulus": done.words("stimulus"),
-            "afferent": done.words("afferent"),
-            **{quantity: done.numbers(quantity, least=0) for quantity in QUANTITIES},
+            "stimulus": finished.words("stimulus"),
+            "afferent": finished.words("afferent"),
+            **{quantity: finished.numbers(quantity, least=0) for quantity in QUANTITIES},
         }
     )
-    done.refuse_duplicates(rows[["stimulus", "afferent", "finger"]])
+    finished.refuse_duplicates(rows[["stimulus", "afferent", "finger"]])
     rows = rows[~rows["finger"].isin(causes.index)]
-    answers = _means(rows, table.path)
+    answers = _group_means(rows, table.path)
     values = cells.groupby(finger).first().loc[answers.index]
     return SweptFingers(
-        _parameters(values, table.path).reset_index(drop=True),
+        _varied_parameters(values, table.path).reset_index(drop=True),
         answers.reset_index(drop=True),
         tuple(causes),
     )
 
 
-def _parameters(cells: pd.DataFrame, path: Path) -> pd.DataFrame:
-    """What is not the same in all fingers, as numbers."""
+def _varied_parameters(cells: pd.DataFrame, path: Path) -> pd.DataFrame:
+    """Columns that vary between fingers, as numbers."""
     cells = cells.loc[:, (cells != cells.iloc[:1].squeeze()).any()]
     for name, column in cells.items():
         try:
@@ -149,81 +150,84 @@ def _parameters(cells: pd.DataFrame, path: Path) -> pd.DataFrame:
             continue
         except ValueError:
             pass
-        shown = ", ".join(repr(cell) for cell in column.unique()[:3])
-        raise TableError(f"{name} is {shown}: expected one for all, or different numbers", path)
+        examples = ", ".join(repr(cell) for cell in column.unique()[:3])
+        raise TableError(
+            f"{name} is {examples}: expected one value for all fingers, or numbers", path
+        )
     return cells.astype(float)
 
 
-def _means(rows: pd.DataFrame, path: Path) -> pd.DataFrame:
-    """Means over groups of stimuli: a row a finger, a column an output."""
-    found = rows.set_index(["finger", "stimulus", "afferent"]).unstack([1, 2])  # noqa: PD010 - no mean
-    odd = found.columns[np.isnan(found.to_numpy()).any(axis=0)].to_flat_index()
-    if odd.size:
-        raise TableError(f"{' '.join(odd[0][1:])} is not there for all fingers", path)
+def _group_means(rows: pd.DataFrame, path: Path) -> pd.DataFrame:
+    """Means over groups of stimuli: one row per finger, one column per output."""
+    by_finger = rows.set_index(["finger", "stimulus", "afferent"]).unstack([1, 2])  # noqa: PD010 - no aggregation
+    incomplete = by_finger.columns[np.isnan(by_finger.to_numpy()).any(axis=0)].to_flat_index()
+    if incomplete.size:
+        raise TableError(f"{' '.join(incomplete[0][1:])} is missing for some fingers", path)
     group = {stimulus: group_of(stimulus) for stimulus in rows["stimulus"].unique()}
     long = rows.melt(["finger", "stimulus", "afferent"], QUANTITIES, "quantity")
     of_group = long.assign(stimuli=long["stimulus"].map(group))
     means = pd.concat([long.assign(stimuli=ALL), of_group]).pivot_table("value", "finger", OUTPUT)
     groups = (ALL, *dict.fromkeys(group.values()))
     order = product(QUANTITIES, rows["afferent"].unique(), groups)
-    outputs = [(afferent, quantity, each) for quantity, afferent, each in order]
+    outputs = [(afferent, quantity, stimuli) for quantity, afferent, stimuli in order]
     return means[[output for output in outputs if output in means]]
 
 
 def is_one_at_a_time(swept: SweptFingers) -> bool:
-    """Whether there is a finger from which every other differs in one parameter at most."""
+    """Whether all fingers differ from one of them in at most one parameter."""
     return bool(_centres(swept.parameters).any())
 
 
-def base_of(swept: SweptFingers) -> int | None:
-    """Row of the one finger from which every other differs in one parameter at most.
+def find_base(swept: SweptFingers) -> int | None:
+    """Row of the base, from which all other fingers differ in at most one parameter.
 
-    None where there is none, or more than one: of a single parameter every finger is one.
+    None if no finger or more than one qualifies, as in a sweep of a single parameter.
     """
     rows = np.flatnonzero(_centres(swept.parameters))
     return int(rows[0]) if rows.size == 1 else None
 
 
 def single_effects(swept: SweptFingers) -> pd.DataFrame:
-    """What each parameter does to each output, from its low value to its high one.
+    """Change of each output from the low to the high value of each parameter.
 
-    ``base`` and ``at_base`` are those of `base_of`, NaN where there is none.
-    ``change_percent`` is that of the base's answer, without a base of the answer at the
-    low value; NaN where that is 0. ``monotone``: between neighbouring values the answer
-    never goes the other way.
+    ``base`` and ``at_base`` are those of `find_base`, NaN without a base. ``change_percent`` is
+    relative to the response of the base, without a base to that at the low value; NaN if that is
+    0. ``monotone``: the response never changes direction between the values.
     """
-    effects, base_row, answers = [], base_of(swept), swept.answers
+    effects, base_row, answers = [], find_base(swept), swept.answers
     centre = int(_centres(swept.parameters).argmax())
     for name in swept.parameters:
         others = swept.parameters.drop(columns=name)
-        mine = swept.parameters[name][(others == others.iloc[centre]).all(axis=1)]
-        mine = mine.sort_values(kind="stable")
-        low, high = (answers.loc[mine.index[end]] for end in (0, -1))
+        values = swept.parameters[name][(others == others.iloc[centre]).all(axis=1)]
+        values = values.sort_values(kind="stable")
+        low, high = (answers.loc[values.index[end]] for end in (0, -1))
         at_base = math.nan * low if base_row is None else answers.loc[base_row]
-        whole = low if base_row is None else at_base
-        steps = answers.loc[mine.index].diff()[1:]
+        reference = low if base_row is None else at_base
+        steps = answers.loc[values.index].diff()[1:]
         effect = pd.DataFrame(
             {
                 "at_low": low,
                 "at_base": at_base,
                 "at_high": high,
                 "change": high - low,
-                "change_percent": 100 * (high - low) / whole.replace(0.0, math.nan),
+                "change_percent": 100 * (high - low) / reference.replace(0.0, math.nan),
                 "monotone": (steps >= 0).all() | (steps <= 0).all(),
             }
         ).reset_index()
-        base = math.nan if base_row is None else mine[base_row]
-        ends = {"parameter": name, "low": mine.iloc[0], "base": base, "high": mine.iloc[-1]}
-        for place, (column, value) in enumerate(ends.items()):
-            effect.insert(place, column, value)
+        base = math.nan if base_row is None else values[base_row]
+        ends = {"parameter": name, "low": values.iloc[0], "base": base, "high": values.iloc[-1]}
+        for index, (column, value) in enumerate(ends.items()):
+            effect.insert(index, column, value)
         effects.append(effect)
     return pd.concat(effects, ignore_index=True)
 
 
 def _centres(parameters: pd.DataFrame) -> BoolArray:
-    """Of each row whether all others differ from it in one parameter at most ``(finger,)``."""
+    """Whether all others differ from a finger in at most one parameter ``(finger,)``."""
     value = parameters.to_numpy()
-    centre: BoolArray = (value != value[0]).sum(axis=1) <= 1  # no other row can be one
+    centre: BoolArray = (value != value[0]).sum(
+        axis=1
+    ) <= 1  # necessary; no other row can be a base
     for row in np.flatnonzero(centre) if value.shape[1] > 1 else ():
         centre[row] = ((value != value[row]).sum(axis=1) <= 1).all()
     return centre
@@ -234,39 +238,41 @@ def rank_regressions(
 ) -> pd.DataFrame:
     """Standardised rank regression of every output, with 95 % intervals.
 
-    ``low`` and ``high`` are the ends of a parameter, ``low_95`` and ``high_95`` those
-    of the coefficients of resampled fingers. ``adjusted_r_squared`` is without what so
-    many parameters explain by chance, at least 0. All are NaN for an output that does
-    not vary.
+    ``low`` and ``high`` are the range of a parameter, ``low_95`` and ``high_95`` the interval of
+    its coefficient over `resamples` (default 2000) bootstrap resamples, drawn by `seed`
+    (default 0). ``adjusted_r_squared``, at least 0, is corrected for the number of parameters.
+    Coefficients and R² are NaN for an output that does not vary.
 
     Raises
     ------
     UsageError
-        Fewer than ``2 (parameters + 1)`` fingers, or two parameters of one order.
+        Fewer than ``2 (parameters + 1)`` fingers, or two parameters with the same ranks.
 
     Notes
     -----
-    Parameters and answer are replaced by their ranks, these put to mean 0 and variance
-    1, and a plane is fitted. Its coefficients are how far the answer moves in its order
-    when one parameter moves in its own and the others stay; R² is how much of the order
-    they explain together. An R² well below 1 says that a part is not monotone, goes by
-    two parameters together, or is noise (Iman & Conover 1979, Technometrics 21:499;
+    Parameters and responses are replaced by their ranks, standardised to mean 0 and variance
+    1, and a plane is fitted. A coefficient is the change of the response's rank with that of
+    one parameter while the others are fixed; R² is the variance of the ranks that all
+    parameters explain together. The rest is not monotone, an interaction of parameters, or
+    noise (Iman & Conover 1979, Technometrics 21:499;
     Saltelli & Marivoet 1990, Reliab. Eng. Syst. Saf. 28:229). The same seed draws the
     same resamples.
     """
     fingers, parameters = swept.parameters.shape
-    least = 2 * (parameters + 1)
-    if fingers < least:
-        raise UsageError(f"{fingers} fingers for {parameters} parameters, expected {least} or more")
+    fewest = 2 * (parameters + 1)
+    if fingers < fewest:
+        raise UsageError(
+            f"{fingers} fingers for {parameters} parameters, expected {fewest} or more"
+        )
     value, answer = swept.parameters.to_numpy(), swept.answers.to_numpy()
-    x = _standardised(value)
+    x = _standard_ranks(value)
     for row, column in np.argwhere(np.tril(np.abs(x.T @ x) / fingers > 1 - _SINGULAR, k=-1)):
-        both = " and ".join(swept.parameters.columns[[column, row]])
-        raise UsageError(f"{both} rise and fall together: their effects cannot be separated")
-    coefficient, r_squared = _fitted(value, answer)
+        names = " and ".join(swept.parameters.columns[[column, row]])
+        raise UsageError(f"{names} rise and fall together: their effects cannot be separated")
+    coefficient, r_squared = _fit_planes(value, answer)
     rows = np.random.default_rng(seed).integers(fingers, size=(resamples, fingers))
-    drawn, _ = _fitted(value[rows], answer[rows])
-    tail = 0.5 * (1 - SHARE)
+    drawn, _ = _fit_planes(value[rows], answer[rows])
+    tail = 0.5 * (1 - INTERVAL_SHARE)
     low, high = np.quantile(drawn, [tail, 1 - tail], axis=0)
     adjusted = np.maximum(0.0, 1 - (1 - r_squared) * (fingers - 1) / (fingers - parameters - 1))
     outputs = swept.answers.columns
@@ -288,13 +294,13 @@ def rank_regressions(
     return table
 
 
-def _fitted(value: FloatArray, answer: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _fit_planes(value: FloatArray, answer: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Coefficients ``(…, parameter, output)`` and R² ``(…, output)`` of ranks.
 
-    `value` is ``(…, finger, parameter)``, `answer` ``(…, finger, output)``. What does
-    not vary has no part in the fit.
+    `value` is ``(…, finger, parameter)``, `answer` ``(…, finger, output)``. Constant columns
+    have coefficients of 0.
     """
-    x, y = _standardised(value), _standardised(answer)
+    x, y = _standard_ranks(value), _standard_ranks(answer)
     fingers = value.shape[-2]
     between_parameters = x.swapaxes(-1, -2) @ x / fingers
     with_outputs = x.swapaxes(-1, -2) @ y / fingers
@@ -304,8 +310,8 @@ def _fitted(value: FloatArray, answer: FloatArray) -> tuple[FloatArray, FloatArr
     return coefficient, r_squared
 
 
-def _standardised(array: FloatArray) -> FloatArray:
-    """Ranks over the fingers, mean 0 and variance 1; 0 where all are equal."""
+def _standard_ranks(array: FloatArray) -> FloatArray:
+    """Ranks over the fingers with mean 0 and variance 1; 0 if all values are equal."""
     from scipy.stats import rankdata
 
     ranks = rankdata(array, axis=-2)
@@ -315,71 +321,83 @@ def _standardised(array: FloatArray) -> FloatArray:
     return standard
 
 
-def in_order(table: pd.DataFrame) -> list[str]:
-    """Parameters of effects or regressions, the one that moves a mean rate most first.
+def ordered_parameters(table: pd.DataFrame) -> list[str]:
+    """Parameters of effects or regressions, sorted by their largest effect on a mean rate.
 
-    Most in percent of the base's rate, or by its coefficient, whichever class of the
-    table that is; of equals the one that moves the stress more.
+    The effect is the change in percent or the coefficient, the largest of all classes in the
+    table; equal parameters are sorted by their effect on the stress.
     """
     column = "change_percent" if "change_percent" in table else "coefficient"
     mean = table[table["stimuli"] == ALL]
-    most = mean[column].abs().groupby([mean["parameter"], mean["quantity"]]).max().to_dict()
+    largest = mean[column].abs().groupby([mean["parameter"], mean["quantity"]]).max().to_dict()
 
     def strength(name: str) -> list[float]:
-        found = (most.get((name, quantity), 0.0) for quantity in QUANTITIES)
-        return [0.0 if math.isnan(each) else each for each in found]
+        changes = (largest.get((name, quantity), 0.0) for quantity in QUANTITIES)
+        return [0.0 if math.isnan(change) else change for change in changes]
 
     return sorted(table["parameter"].unique(), key=strength, reverse=True)
 
 
 def csv_text(table: pd.DataFrame) -> str:
-    """A table as CSV, six digits that count; a truth value is ``yes`` or ``no``."""
-    words = table.replace({True: "yes", False: "no"}) if "monotone" in table else table
-    return words.to_csv(index=False, float_format="%.6g", lineterminator="\n")
+    """A table as CSV with six significant digits; booleans are ``yes`` or ``no``."""
+    printed = table.replace({True: "yes", False: "no"}) if "monotone" in table else table
+    return printed.to_csv(index=False, float_format="%.6g", lineterminator="\n")
 
 
 def effects_markdown(effects: pd.DataFrame) -> str:
-    """A table a class: from low to high, change of rates and of stress; ``~``: it comes back."""
+    """One Markdown table per class: range, change of rates and stress; ``~``: not monotone."""
 
-    def change(each: _Row) -> str:
-        quantity = each["quantity"]
-        whole = each["at_low"] if math.isnan(each["at_base"]) else each["at_base"]
-        words = number(shown(quantity, each["change"]), f"+.{_digits(whole, quantity)}f")
-        percent = number(each["change_percent"], "+.0f")
+    def change(effect: _Row) -> str:
+        quantity = effect["quantity"]
+        reference = effect["at_low"] if math.isnan(effect["at_base"]) else effect["at_base"]
+        text = number(
+            to_display_unit(quantity, effect["change"]), f"+.{_digits(reference, quantity)}f"
+        )
+        percent = number(effect["change_percent"], "+.0f")
         share = "" if percent == ABSENT else f" ({percent} %)"
-        return f"{words}{share}{'' if each['monotone'] else ' ~'}"
+        return f"{text}{share}{'' if effect['monotone'] else ' ~'}"
 
-    def head(each: _Row) -> str:
-        at_base = each["at_base"]
-        words = _output_words(each)
-        return words if math.isnan(at_base) else f"{words} ({_answer(at_base, each['quantity'])})"
+    def head(effect: _Row) -> str:
+        at_base = effect["at_base"]
+        text = _output_label(effect)
+        return (
+            text
+            if math.isnan(at_base)
+            else f"{text} ({_format_answer(at_base, effect['quantity'])})"
+        )
 
-    def add_spans(mine: pd.DataFrame, words: pd.DataFrame) -> None:
-        ends = mine.groupby("parameter")[["low", "high"]].first().loc[words.index].itertuples()
-        spans = [f"{e.low:.4g}, {e.high:.4g} {split_unit(str(e.Index))[1]}".rstrip() for e in ends]
-        words.insert(0, "from, to", spans)
+    def add_spans(class_effects: pd.DataFrame, cells: pd.DataFrame) -> None:
+        spans_of = class_effects.groupby("parameter")[["low", "high"]].first()
+        ends = spans_of.loc[cells.index].itertuples()
+        spans = [
+            f"{end.low:.4g}, {end.high:.4g} {split_unit(str(end.Index))[1]}".rstrip()
+            for end in ends
+        ]
+        cells.insert(0, "from, to", spans)
 
     return _class_tables(effects, head, change, add_spans)
 
 
 def regressions_markdown(swept: SweptFingers, regressions: pd.DataFrame) -> str:
-    """A table a class: coefficients, bold where their interval leaves out 0."""
+    """One Markdown table per class: coefficients, bold if their interval excludes 0."""
 
-    def coefficient(each: _Row) -> str:
-        words = number(each["coefficient"], "+.2f")
-        return f"**{words}**" if each["low_95"] > 0 or each["high_95"] < 0 else words
+    def coefficient(fit: _Row) -> str:
+        text = number(fit["coefficient"], "+.2f")
+        return f"**{text}**" if fit["low_95"] > 0 or fit["high_95"] < 0 else text
 
-    def add_fits(mine: pd.DataFrame, words: pd.DataFrame) -> None:
+    def add_fits(class_fits: pd.DataFrame, text: pd.DataFrame) -> None:
         fits, spans = [], []
-        for each in mine.drop_duplicates(OUTPUT).to_dict("records"):
-            fit = f"{each['r_squared']:.2f} ({each['adjusted_r_squared']:.2f})"
-            fits.append("no variation" if math.isnan(each["r_squared"]) else fit)
-            answers = swept.answers[tuple(each[name] for name in OUTPUT)]
-            low, high = (_answer(end, each["quantity"]) for end in (answers.min(), answers.max()))
+        for fit in class_fits.drop_duplicates(OUTPUT).to_dict("records"):
+            r_squared = f"{fit['r_squared']:.2f} ({fit['adjusted_r_squared']:.2f})"
+            fits.append("no variation" if math.isnan(fit["r_squared"]) else r_squared)
+            answers = swept.answers[tuple(fit[name] for name in OUTPUT)]
+            low, high = (
+                _format_answer(end, fit["quantity"]) for end in (answers.min(), answers.max())
+            )
             spans.append(f"{low.partition(' ')[0]} to {high}")
-        words.loc["R² (adjusted)"], words.loc["over all fingers"] = fits, spans
+        text.loc["R² (adjusted)"], text.loc["over all fingers"] = fits, spans
 
-    return _class_tables(regressions, _output_words, coefficient, add_fits)
+    return _class_tables(regressions, _output_label, coefficient, add_fits)
 
 
 _Row: TypeAlias = Mapping[Any, Any]
@@ -391,28 +409,33 @@ def _class_tables(
     cell: Callable[[_Row], str],
     complete: Callable[[pd.DataFrame, pd.DataFrame], None],
 ) -> str:
-    """Markdown, a table a class: a row a parameter, a column an output, completed."""
-    wanted = table[(table["quantity"] == RATE) | (table["stimuli"] == ALL)]
+    """One Markdown table per class: one row per parameter, one column per output.
+
+    `complete` adds rows or columns to a table.
+    """
+    selected = table[(table["quantity"] == RATE) | (table["stimuli"] == ALL)]
     blocks = []
-    for afferent, mine in wanted.groupby("afferent", sort=False):
-        mine = mine.sort_values("quantity", key=lambda each: each != RATE, kind="stable")
-        rows = mine.to_dict("records")
-        long = mine.assign(head=[*map(head, rows)], cell=[*map(cell, rows)])
+    for afferent, class_rows in selected.groupby("afferent", sort=False):
+        class_rows = class_rows.sort_values(
+            "quantity", key=lambda quantity: quantity != RATE, kind="stable"
+        )
+        rows = class_rows.to_dict("records")
+        long = class_rows.assign(head=[*map(head, rows)], cell=[*map(cell, rows)])
         wide = long.pivot(index="parameter", columns="head", values="cell")  # noqa: PD010 - nothing to aggregate
-        words = wide.loc[in_order(mine), long["head"].unique()]
-        complete(mine, words)
-        named = words.rename(index=parameter_words).rename_axis("parameter").reset_index()
-        blocks.append(f"**{afferent}**\n\n{markdown(named)}\n")
+        cells = wide.loc[ordered_parameters(class_rows), long["head"].unique()]
+        complete(class_rows, cells)
+        labelled = cells.rename(index=parameter_words).rename_axis("parameter").reset_index()
+        blocks.append(f"**{afferent}**\n\n{markdown(labelled)}\n")
     return "\n".join(blocks)
 
 
-def _output_words(each: _Row) -> str:
-    return "peak stress" if each["quantity"] == STRESS else group_words(each["stimuli"])
+def _output_label(row: _Row) -> str:
+    return "peak stress" if row["quantity"] == STRESS else group_label(row["stimuli"])
 
 
-def _answer(value: float, quantity: str) -> str:
+def _format_answer(value: float, quantity: str) -> str:
     unit = " kPa" if quantity == STRESS else ""
-    return f"{shown(quantity, value):.{_digits(value, quantity)}f}{unit}"
+    return f"{to_display_unit(quantity, value):.{_digits(value, quantity)}f}{unit}"
 
 
 def _digits(value: float, quantity: str) -> int:
@@ -422,7 +445,7 @@ def _digits(value: float, quantity: str) -> int:
 
 
 _LAYERS = {"stratum_corneum": "stratum corneum", "subcutaneous_tissue": "subcutaneous tissue"}
-_PLAIN = {
+_PARAMETER_LABELS = {
     "ridges.height_mm": "ridge height",
     "ridges.spacing_mm": "ridge spacing",
     "papillae.height_mm": "papilla height",
@@ -432,7 +455,7 @@ _PLAIN = {
     "probe_x_mm": "probe aside",
     "preindent_um": "pre-indentation",
 }
-_MADE = (
+_LABEL_PATTERNS = (
     (re.compile(r"skin\.(\w+)_mm"), "{} thickness"),
     (re.compile(r"materials\.(\w+)\.young_mpa"), "{} modulus"),
     (re.compile(r"materials\.(\w+)\.poisson"), "{} Poisson’s ratio"),
@@ -442,26 +465,26 @@ _MADE = (
 
 
 def parameter_words(name: str) -> str:
-    """A parameter as people call it: ``dermis modulus``; others keep their name."""
-    for pattern, words in _MADE:
+    """Label of a parameter, as ``dermis modulus``; unknown parameters keep their name."""
+    for pattern, label in _LABEL_PATTERNS:
         if (match := pattern.fullmatch(name)) is not None:
-            return words.format(_LAYERS.get(match[1], match[1]))
-    return _PLAIN.get(name, name)
+            return label.format(_LAYERS.get(match[1], match[1]))
+    return _PARAMETER_LABELS.get(name, name)
 
 
-def group_words(group: str) -> str:
-    """A group of stimuli as people call it: ``20 Hz``, ``diharmonic``."""
+def group_label(group: str) -> str:
+    """Label of a group of stimuli, as ``20 Hz`` or ``diharmonic``."""
     family, _, frequency_hz = group.partition("_")
     if family == "sine" and frequency_hz:
         return f"{frequency_hz} Hz"
     return {"diharm": "diharmonic"}.get(group, group)
 
 
-def quantity_words(quantity: str) -> str:
-    """A quantity with the unit that `shown` gives it."""
+def quantity_label(quantity: str) -> str:
+    """Label of a quantity with the unit of `to_display_unit`."""
     return {RATE: "rate (impulses/s)", STRESS: "peak stress (kPa)"}[quantity]
 
 
-def shown(quantity: str, number: float) -> float:
-    """An answer in the unit that it is shown in."""
+def to_display_unit(quantity: str, number: float) -> float:
+    """Value of a quantity in the unit of its label."""
     return number / _PA_PER_KPA if quantity == STRESS else number

@@ -8,12 +8,12 @@
                `fembridge.response.indentation.why_no_map`.
 """
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from zipfile import ZipFile
 
 import numpy as np
 
@@ -31,6 +31,8 @@ from fembridge.errors import (
     UsageError,
 )
 from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
+from fembridge.memory import check_memory
+from fembridge.npz import ArrayHeader, NpzFile
 from fembridge.response.indentation import (
     CONTACT_CAUSES,
     LADDER,
@@ -48,7 +50,15 @@ from fembridge.run_folder import RUN_FILE, RunFolder, read_run_folder, read_wave
 from fembridge.solver.ccx import finished_outcome, run_folders
 from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.stimulus import Stimulus
-from fembridge.store import filling, read_toml, remove_file, replacing, sha256_of, write_toml
+from fembridge.store import (
+    filling,
+    near_hint,
+    read_toml,
+    remove_file,
+    replacing,
+    sha256_of,
+    write_toml,
+)
 from fembridge.tables import Rate, SpikeTrain, spikes_frame, write_rates, write_spikes
 from fembridge.trace import Origin, StressTrace, Traces, finger_id, stacked
 from fembridge.typing import FloatArray, Table
@@ -77,11 +87,12 @@ FINGER_FILE = "finger.toml"
 RUNS_FOLDER = "runs"
 LONG_S = 600.0
 """What takes longer is only begun when somebody says so."""
-MAX_TRACES_BYTES = 1 << 31
-"""Of ``traces.npz`` that is read, once unpacked."""
+_ARRAYS = ("stimulus", "afferent", "dt_ms", "displacement_um", "von_mises_pa")
+_TRACE_BYTES = 1 << 10  # of the objects of a trace, beside its samples
+_COPIES = 2  # of the samples: those of the file, and those of its traces
 PICTURES = ("raster", "psth", "isi", "rates")
 # A file that is asked for is looked for so many folders below; so many are named.
-_DEPTH, _MOST_NAMED = 2, 3
+_DEPTH, _MAX_NAMED = 2, 3
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -100,8 +111,9 @@ class Simulation:
     origin: Mapping[str, object] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        first, more = self.stimuli[0].id, len(self.stimuli) - 1
-        return f"Simulation({first}{f' and {more} more' if more else ''}: .rates, .spikes, .plot())"
+        first_id, more_count = self.stimuli[0].id, len(self.stimuli) - 1
+        others = f" and {more_count} more" if more_count else ""
+        return f"Simulation({first_id}{others}: .rates, .spikes, .plot())"
 
     @property
     def rates(self) -> "pandas.DataFrame":
@@ -178,7 +190,9 @@ class Simulation:
                     stimulus=np.array([stimulus.id for stimulus in self.stimuli]),
                     afferent=np.array([trace.afferent for trace in self.traces[0]]),
                     dt_ms=np.array(self.stimuli[0].dt_ms),
-                    displacement_um=stacked([one.displacement_um for one in self.stimuli]),
+                    displacement_um=stacked(
+                        [stimulus.displacement_um for stimulus in self.stimuli]
+                    ),
                     von_mises_pa=np.stack(stress_pa, -1),
                 )
             write_spikes(draft / SPIKES_FILE, self.trains)
@@ -252,36 +266,38 @@ def simulate(
     reason = why_no_map(model, stimuli)
     if stored and (reason or method == "transient"):
         raise UsageError(f"a stored response answers no transient: {reason or 'leave one out'}")
-    method = _possible(method, reason, parameters.parameters, log)
+    method = _select_method(method, reason, parameters.parameters, log)
     deepest = max(stimuli, key=attrgetter("deepest_um"))
     response: ResponseMap | None = None
     slip_percent: float | None = None  # by which unloading differs where skin slips
     origin: Table = {"source": "CalculiX"}
-    kept = parameters.to_table()
+    parameter_table = parameters.to_table()
     if stored or find_ccx() is None:
         if method == "transient":
             raise MissingError(
                 f"{reason or '--method transient'}: that takes a solver, and there is "
                 f"no ccx on the PATH; install it: {SOLVER_INSTALL_LINE}"
             )
-        response = _stored(model, deepest, stored, log)
+        response = _read_stored_response(model, deepest, stored, log)
         origin["source"] = "stored response"
     else:
-        place = folder / RESPONSE_FOLDER
+        response_folder = folder / RESPONSE_FOLDER
         if method == "transient":
             check_cost(stimuli, model, settings, log, yes=yes)
         try:
-            model, response = solve_response(place, model, deepest.deepest_um, settings, log=log)
+            model, response = solve_response(
+                response_folder, model, deepest.deepest_um, settings, log=log
+            )
         except FrictionSlipError as slip:
-            reason = "; ".join(why for why in (reason, str(slip)) if why)
+            reason = "; ".join(text for text in (reason, str(slip)) if text)
             if method != "transient":
-                method = _possible(method, reason, parameters.parameters, log)
+                method = _select_method(method, reason, parameters.parameters, log)
                 check_cost(stimuli, model, settings, log, yes=yes)
             model, slip_percent = replace(model, contact=slip.contact), slip.closure_percent
     if response is None or method == "transient":
         slips = slip_percent is not None
         traces, origin["contacts"] = solve_transients(
-            stimuli, model, folder, settings, log, slips=slips, parameters=kept
+            stimuli, model, folder, settings, log, slips=slips, parameters=parameter_table
         )
     else:
         method = "map"
@@ -296,10 +312,10 @@ def simulate(
         "closure_percent": slip_percent if response is None else response.closure_percent,
         "parameter_set": parameters.name,
         "parameters": parameters_to_table(parameters.parameters),
-        "fit": kept.get("fit"),
+        "fit": parameter_table.get("fit"),
     }
-    known = {key: value for key, value in record.items() if value is not None}
-    return encode_all(stimuli, traces, parameters.parameters, known)
+    stated = {key: value for key, value in record.items() if value is not None}
+    return encode_all(stimuli, traces, parameters.parameters, stated)
 
 
 def check_cost(
@@ -320,10 +336,10 @@ def check_cost(
     share = 0.5 if model.section == "half" and not model.inertia else 1.0
     samples = sum(stimulus.displacement_um.size for stimulus in stimuli)
     increments = samples * (SUBSTEPS if model.inertia else 1)
-    all_s = increments * increment_s(share * len(model.mesh.quad)) / settings.jobs
+    total_s = increments * increment_s(share * len(model.mesh.quad)) / settings.jobs
     count = f"{len(stimuli)} transient{'s' if len(stimuli) > 1 else ''}"
-    line = f"{count} of {increments} increments in all: about {in_words(all_s)}"
-    if all_s > LONG_S and not yes and settings.time_limit_s is None:
+    line = f"{count} of {increments} increments in all: about {in_words(total_s)}"
+    if total_s > LONG_S and not yes and settings.time_limit_s is None:
         raise UsageError(
             f"{line}: say --yes, or --time-limit S for each; cheaper are fewer stimuli, --jobs, "
             "--finger quick, or --method map where stress depends on depth alone"
@@ -354,15 +370,17 @@ def solve_transients(
     failure: FembridgeError | None = None
     solved: dict[str, RunFolder] = {}  # by stimulus
     slips = slips or any(stimulus.aside_um is not None for stimulus in stimuli)
-    below = ladder[ladder.index(model.contact) + 1 :] if model.contact in ladder else ()
-    for number, contact in enumerate((model.contact, *below), start=1):
+    remaining_contacts = (
+        ladder[ladder.index(model.contact) + 1 :] if model.contact in ladder else ()
+    )
+    for number, contact in enumerate((model.contact, *remaining_contacts), start=1):
         if slips and contact.friction != model.contact.friction:
             continue
         if contact != model.contact:
-            again = folder / f"{RESPONSE_FOLDER}_{number}"
+            retry_folder = folder / f"{RESPONSE_FOLDER}_{number}"
             try:
                 model, _ = solve_response(
-                    again, model, deepest_um, settings, ladder=(contact,), log=log
+                    retry_folder, model, deepest_um, settings, ladder=(contact,), log=log
                 )
             except FrictionSlipError:
                 slips = True
@@ -371,18 +389,23 @@ def solve_transients(
                 log(f"left {contact}: {error}")
                 continue
         runs = {
-            one.id: build_run_folder(
-                folder / RUNS_FOLDER / one.id, model, one, parameters=parameters
+            stimulus.id: build_run_folder(
+                folder / RUNS_FOLDER / stimulus.id, model, stimulus, parameters=parameters
             )
-            for one in stimuli
-            if one.id not in solved
+            for stimulus in stimuli
+            if stimulus.id not in solved
         }
         try:
             shared = settings.shared_by(min(settings.jobs, len(runs)))
             outcomes = run_folders(runs.values(), shared)
         except KeyboardInterrupt:
-            kept = len(solved) + sum(finished_outcome(run) is not None for run in runs.values())
-            log(f"{kept} of {len(stimuli)} transients are kept; the same command goes on with them")
+            finished_count = len(solved) + sum(
+                finished_outcome(run) is not None for run in runs.values()
+            )
+            log(
+                f"{finished_count} of {len(stimuli)} transients are kept; the same command goes on "
+                "with them"
+            )
             raise
         for (name, run), outcome in zip(runs.items(), outcomes, strict=True):
             if outcome.failure is None:
@@ -397,8 +420,8 @@ def solve_transients(
             wall_s = sum(outcome.wall_s for outcome in outcomes)
             log(f"{count} transients solved in {wall_s:.0f} s, contact {contact}")
         if len(solved) == len(stimuli):
-            contacts = {one.id: solved[one.id].inputs["contact"] for one in stimuli}
-            return [list(read(solved[one.id])) for one in stimuli], contacts
+            contacts = {stimulus.id: solved[stimulus.id].inputs["contact"] for stimulus in stimuli}
+            return [list(read(solved[stimulus.id])) for stimulus in stimuli], contacts
     raise failure or ResponseError(f"{folder}: no contact model was accepted")
 
 
@@ -416,10 +439,10 @@ def encode_all(
         A class without parameters, samples at other times than the stimulus's; a time
         step that the parameters were not made for.
     """
-    whose = [
+    pairs = [
         (stimulus, trace) for stimulus, row in zip(stimuli, traces, strict=True) for trace in row
     ]
-    for stimulus, trace in whose:
+    for stimulus, trace in pairs:
         size, expected = trace.stress_pa.size, stimulus.displacement_um.size
         if trace.afferent not in parameters or size != expected:
             raise TraceError(
@@ -427,8 +450,8 @@ def encode_all(
                 f"{', '.join(parameters)}"
             )
     trains, rates = [], []
-    cells = fired([trace for _, trace in whose], parameters)
-    for (stimulus, trace), spikes_ms in zip(whose, cells, strict=True):
+    cells = fired([trace for _, trace in pairs], parameters)
+    for (stimulus, trace), spikes_ms in zip(pairs, cells, strict=True):
         afferent = str(trace.afferent)
         trains.extend(trains_of(stimulus.id, afferent, spikes_ms))
         rate = mean_rate_ips(spikes_ms, stimulus.window_ms)
@@ -445,7 +468,7 @@ def fired(
     traces: Sequence[StressTrace], parameters: Parameters, derivative: str = "backward"
 ) -> list[list[FloatArray]]:
     """Spike times in ms of each cell of each trace; traces of one length are one batch."""
-    found: dict[int, list[FloatArray]] = {}
+    cells_by_row: dict[int, list[FloatArray]] = {}
     by_grid: dict[tuple[int, float, float], dict[str, list[int]]] = {}
     for row, trace in enumerate(traces):
         batch = by_grid.setdefault((trace.stress_pa.size, trace.dt_ms, trace.start_ms), {})
@@ -462,8 +485,8 @@ def fired(
             }
             cells = encode_afferents(stress_pa, dt_ms, parameters, start_ms, derivative)
             for name, rows in chosen.items():
-                found |= dict(zip(rows, cells[name], strict=True))
-    return [found[row] for row in range(len(traces))]
+                cells_by_row |= dict(zip(rows, cells[name], strict=True))
+    return [cells_by_row[row] for row in range(len(traces))]
 
 
 def unlike_the_fit(
@@ -476,20 +499,20 @@ def unlike_the_fit(
     `finger` has ``name`` and ``sha256`` of the model that gave the stress, `depths_um` are
     those of its probe before time 0; empty: not known.
     """
-    found, fitted = [], chosen.finger
+    differences, fitted = [], chosen.finger
     if fitted:
         preset = PRESETS.get(fitted["name"])
-        whole = {**(finger_id(finger_table(preset)) if preset else {}), **fitted}
-        if any(finger.get(key) != whole[key] for key in whole):
-            here = finger.get("name", "not known")
-            here = "another of that name" if here == fitted["name"] else here
-            found.append(f"on finger {fitted['name']!r} (here: {here})")
+        reference = {**(finger_id(finger_table(preset)) if preset else {}), **fitted}
+        if any(finger.get(key) != reference[key] for key in reference):
+            actual_name = finger.get("name", "not known")
+            actual_name = "another of that name" if actual_name == fitted["name"] else actual_name
+            differences.append(f"on finger {fitted['name']!r} (here: {actual_name})")
     if set(depths_um) != {chosen.preindent_um} and (depths_um or chosen.preindent_um):
-        here = ", ".join(f"{each:g}" for each in sorted(depths_um))
-        here = f"{here} um" if here else "not known"
+        actual_depths = ", ".join(f"{depth_um:g}" for depth_um in sorted(depths_um))
+        actual_depths = f"{actual_depths} um" if actual_depths else "not known"
         depth = f"{chosen.preindent_um:g} um deep"
-        found.append(f"with the probe {depth} before time 0 (here: {here})")
-    return f"parameters {chosen.name} were fitted {', '.join(found)}" if found else ""
+        differences.append(f"with the probe {depth} before time 0 (here: {actual_depths})")
+    return f"parameters {chosen.name} were fitted {', '.join(differences)}" if differences else ""
 
 
 def trains_of(
@@ -503,23 +526,25 @@ def trains_of(
     ]
 
 
-def _possible(method: str, reason: str | None, parameters: Parameters, log: Log) -> str:
+def _select_method(method: str, reason: str | None, parameters: Parameters, log: Log) -> str:
     """The method that is possible: there is no map where there is a `reason`."""
     if method == "map" and reason is not None:
         raise UsageError(f"no response map: {reason}; take --method transient")
     if method == AUTO and reason is not None:
         log(f"{reason}; so there is no response map: each waveform is solved")
         method = "transient"
-    if method == "transient" and (other := reading_energy(parameters)):
-        way_out = "take other parameters" if reason else "take --method map"
+    if method == "transient" and (energy_class := reading_energy(parameters)):
+        remedy = "take other parameters" if reason else "take --method map"
         raise UsageError(
-            f"drive {parameters[other].drive!r} of {other} reads strain energy, "
-            f"--method transient gives von Mises stress alone: {way_out}"
+            f"drive {parameters[energy_class].drive!r} of {energy_class} reads strain energy, "
+            f"--method transient gives von Mises stress alone: {remedy}"
         )
     return method
 
 
-def _stored(model: Model, deepest: Stimulus, asked_for: bool, log: Log) -> ResponseMap:
+def _read_stored_response(
+    model: Model, deepest: Stimulus, is_requested: bool, log: Log
+) -> ResponseMap:
     try:
         response = stored_response(
             model.finger, model.probe, model.element, depth_um=deepest.deepest_um, law=model.law
@@ -531,13 +556,13 @@ def _stored(model: Model, deepest: Stimulus, asked_for: bool, log: Log) -> Respo
                 f"{response.deepest_um:g} um"
             )
     except ResponseError as error:
-        if asked_for:
+        if is_requested:
             raise
         install = f"install the solver: {SOLVER_INSTALL_LINE}"
         raise MissingError(f"no ccx on the PATH, and {error}; {install}") from error
     line = f"stored response of finger {model.finger.name!r}"
-    instead = f"no ccx on the PATH: {line}; to solve it here: {SOLVER_INSTALL_LINE}"
-    log(line if asked_for else instead)
+    fallback_line = f"no ccx on the PATH: {line}; to solve it here: {SOLVER_INSTALL_LINE}"
+    log(line if is_requested else fallback_line)
     return response
 
 
@@ -560,14 +585,18 @@ def find_file(place: Path, names: Sequence[str], made_by: str) -> Path:
         if (place / name).is_file():
             return place / name
     for depth in range(1, _DEPTH + 1):
-        below = "*/" * depth
-        found = sorted({one.parent: one for n in names for one in place.glob(below + n)}.values())
-        if len(found) == 1:
-            return found[0]
-        if found:
-            some = ", ".join(str(one) for one in found[:_MOST_NAMED])
-            more = ", ..." if len(found) > _MOST_NAMED else ""
-            raise UsageError(f"{place}: {len(found)} folders in it have one, name it: {some}{more}")
+        subfolders = "*/" * depth
+        matches = sorted(
+            {path.parent: path for n in names for path in place.glob(subfolders + n)}.values()
+        )
+        if len(matches) == 1:
+            return matches[0]
+        if matches:
+            listed = ", ".join(str(path) for path in matches[:_MAX_NAMED])
+            ellipsis = ", ..." if len(matches) > _MAX_NAMED else ""
+            raise UsageError(
+                f"{place}: {len(matches)} folders in it have one, name it: {listed}{ellipsis}"
+            )
     raise ResultError(f"no {' or '.join(names)} in this folder: {made_by}", place)
 
 
@@ -585,17 +614,17 @@ class FolderStimuli:
 
     def of(self, stimulus: str) -> Stimulus | None:
         """The stimulus of that id, None where there is none."""
-        return next((one for one in self.stimuli if one.id == stimulus), None)
+        return next((candidate for candidate in self.stimuli if candidate.id == stimulus), None)
 
     def with_silent(self, trains: Sequence[SpikeTrain]) -> list[SpikeTrain]:
         """`trains`, and an empty one for each cell that has no row in a table of spikes."""
-        there = {(train.stimulus, train.afferent, train.repeat) for train in trains}
+        present = {(train.stimulus, train.afferent, train.repeat) for train in trains}
         silent = [
             SpikeTrain(stimulus.id, afferent, np.empty(0), repeat)
             for stimulus in self.stimuli
             for afferent, count in self.cells.items()
             for repeat in (range(1, count + 1) if count > 1 else [0])
-            if (stimulus.id, afferent, repeat) not in there
+            if (stimulus.id, afferent, repeat) not in present
         ]
         return [*trains, *silent]
 
@@ -609,18 +638,18 @@ def stimuli_in(folder: Path) -> FolderStimuli:
         A file of the folder is cut short or of another kind.
     """
     if (folder / RECORD_FILE).is_file() and (folder / TRACES_FILE).is_file():
-        return _simulation(folder)
+        return _read_simulation(folder)
     if (folder / RUN_FILE).is_file():
         run, (times_ms, depth_um) = read_run_folder(folder), read_waveform(folder)
-        known = run.inputs.get("stimulus", {})
+        stimulus_table = run.inputs.get("stimulus", {})
         try:
             stimulus = Stimulus(
-                str(known.get("id", folder.name)),
+                str(stimulus_table.get("id", folder.name)),
                 depth_um,
                 float(times_ms[1] - times_ms[0]),
-                tuple(known.get("window_ms", times_ms[[0, -1]])),
-                float(known.get("preindent_um", 0.0)),
-                known,
+                tuple(stimulus_table.get("window_ms", times_ms[[0, -1]])),
+                float(stimulus_table.get("preindent_um", 0.0)),
+                stimulus_table,
             )
         except (AttributeError, TypeError, ValueError, FembridgeError) as error:
             raise ResultError(f"inputs.stimulus: {error}", folder / RUN_FILE) from error
@@ -629,52 +658,100 @@ def stimuli_in(folder: Path) -> FolderStimuli:
 
 
 def arrays_in(path: Path) -> tuple[dict[str, FloatArray], Traces]:
-    """Of a simulation's NPZ: waveforms in um by their ids, and the traces of all."""
-    try:
-        with ZipFile(path) as archive:
-            if sum(one.file_size for one in archive.infolist()) > MAX_TRACES_BYTES:
-                raise ValueError(f"more than {MAX_TRACES_BYTES} bytes")
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            dt_ms, names = float(arrays["dt_ms"]), arrays["stimulus"].tolist()
-            afferents = arrays["afferent"].tolist()
-            depth_um, stress_pa = arrays["displacement_um"], arrays["von_mises_pa"]
-        if not names or (len(names), len(afferents)) != (len(depth_um), stress_pa.shape[-1]):
-            raise ValueError(f"{len(names)} stimuli, {len(depth_um)} waveforms")
-        sizes = [int(np.isfinite(row).sum()) for row in depth_um]  # NaN behind the end
-        traces = Traces(
-            StressTrace(row[:size, k], dt_ms, 0, afferent, stimulus=name)
-            for name, row, size in zip(names, stress_pa, sizes, strict=True)
-            for k, afferent in enumerate(afferents)
+    """Of a simulation's NPZ: waveforms in um by their ids, and the traces of all.
+
+    Raises
+    ------
+    ResultError
+        An array is unknown, missing or of another shape, or is not finite before its end.
+    """
+    failed = ResultError.at(path)
+    with NpzFile(path, failed) as archive:
+        _check_arrays(archive.headers, failed)
+        names, afferents = archive.read_texts("stimulus"), archive.read_texts("afferent")
+        for kind, texts in (("stimulus", names), ("afferent", afferents)):
+            if len(set(texts)) != len(texts) or not all(texts):
+                raise failed(f"{kind} has names that are empty or duplicate")
+        dt_ms = float(archive.read_reals("dt_ms"))
+        depth_um = archive.read_reals("displacement_um", _COPIES)
+        stress_pa = archive.read_reals("von_mises_pa", _COPIES)
+    if not (math.isfinite(dt_ms) and dt_ms > 0):
+        raise failed(f"dt_ms is {dt_ms:g}, expected more than 0")
+    if (stress_pa < 0).any():
+        raise failed(f"von_mises_pa is {stress_pa[stress_pa < 0][0]:g}, expected 0 or more")
+    rows: dict[str, FloatArray] = {}
+    traces = Traces()
+    for row, name in enumerate(names):
+        size = int((~np.isnan(depth_um[row])).sum())
+        arrays = {"displacement_um": depth_um[row][:, None], "von_mises_pa": stress_pa[row]}
+        for key, array in arrays.items():  # NaN behind the end of a shorter stimulus alone
+            if size < 2 or not np.isfinite(array[:size]).all() or not np.isnan(array[size:]).all():
+                raise failed(f"{key} of {name} is not finite in all its {size} samples")
+        rows[name] = depth_um[row][:size]
+        traces.extend(
+            StressTrace(stress_pa[row, :size, column], dt_ms, 0, afferent, stimulus=name)
+            for column, afferent in enumerate(afferents)
         )
-    except Exception as error:  # whatever a damaged archive makes of the parser
-        found = " ".join(str(error).split())[:120]
-        raise ResultError(f"not as fembridge simulate writes it: {found}", path) from error
-    rows = (row[:size] for row, size in zip(depth_um, sizes, strict=True))
-    return dict(zip(names, rows, strict=True)), traces
+    return rows, traces
 
 
-def _simulation(folder: Path) -> FolderStimuli:
+def _check_arrays(
+    headers: Mapping[str, ArrayHeader | None], failed: Callable[[str], ResultError]
+) -> None:
+    """Refuse arrays of a simulation's NPZ that are missing, unknown or of other shapes."""
+    for name in headers:
+        if name not in _ARRAYS:
+            hint = near_hint(name, _ARRAYS)
+            raise failed(f"unknown array {name}, expected {', '.join(_ARRAYS)}{hint}")
+    shapes = {name: header.shape for name, header in headers.items() if header is not None}
+    if missing := [name for name in _ARRAYS if name not in shapes]:
+        raise failed(f"no array {missing[0]}: not as fembridge simulate writes it")
+    stress_shape = shapes["von_mises_pa"]
+    if len(stress_shape) != 3 or 0 in stress_shape:
+        raise failed(f"von_mises_pa has shape {stress_shape}, expected (stimulus, T, afferent)")
+    stimuli, samples, afferents = stress_shape
+    expected = {
+        "stimulus": (stimuli,),
+        "afferent": (afferents,),
+        "dt_ms": (),
+        "displacement_um": (stimuli, samples),
+    }
+    for name, shape in expected.items():
+        if shapes[name] != shape:
+            raise failed(f"{name} has shape {shapes[name]}, expected {shape} as von_mises_pa has")
+    check_memory(_TRACE_BYTES * stimuli * afferents, f"{stimuli} stimuli", failed)
+
+
+def _read_simulation(folder: Path) -> FolderStimuli:
     """Waveforms and stress of ``traces.npz``, windows of ``simulation.toml``."""
     path, record = folder / TRACES_FILE, folder / RECORD_FILE
     failed = ResultError.at(record)
     table = read_toml(record, failed)
     depth_um, traces = arrays_in(path)
     dt_ms, afferents = traces[0].dt_ms, {trace.afferent for trace in traces}
-    fired = table.get("parameters", {})
+    parameters = table.get("parameters", {})
     try:
-        known = [(name, row, table["stimuli"][name]) for name, row in depth_um.items()]
+        entries = [(name, row, table["stimuli"][name]) for name, row in depth_um.items()]
         stimuli = tuple(
-            Stimulus(name, row, dt_ms, tuple(one["window_ms"]), float(one["preindent_um"]), one)
-            for name, row, one in known
+            Stimulus(
+                name, row, dt_ms, tuple(entry["window_ms"]), float(entry["preindent_um"]), entry
+            )
+            for name, row, entry in entries
         )
-        cells = {name: int(one["cells"]) for name, one in fired.items() if name in afferents}
+        cells = {
+            name: int(values["cells"]) for name, values in parameters.items() if name in afferents
+        }
     except (AttributeError, KeyError, TypeError, ValueError, FembridgeError) as error:
         raise failed(f"stimuli or parameters: {error}") from error
     name = str(table.get("parameter_set", RECORD_FILE))
-    chosen: Table = {"name": name}
-    if name not in SET_NAMES or parameters_to_table(parameter_set(name).parameters) != fired:
-        chosen |= {"preindent_um": stimuli[0].preindent_um, **fired, "fit": table.get("fit", {})}
+    parameter_table: Table = {"name": name}
+    if name not in SET_NAMES or parameters_to_table(parameter_set(name).parameters) != parameters:
+        parameter_table |= {
+            "preindent_um": stimuli[0].preindent_um,
+            **parameters,
+            "fit": table.get("fit", {}),
+        }
     finger = finger_id(read_toml(folder / FINGER_FILE, failed)) if has_finger(folder) else {}
-    first, windows_ms = stimuli[0], {one.id: one.window_ms for one in stimuli}
-    origin = Origin(first.id, first.window_ms, first.preindent_um, chosen, finger)
+    first, windows_ms = stimuli[0], {stimulus.id: stimulus.window_ms for stimulus in stimuli}
+    origin = Origin(first.id, first.window_ms, first.preindent_um, parameter_table, finger)
     return FolderStimuli(record, stimuli, Traces(traces, origin, windows_ms), cells)

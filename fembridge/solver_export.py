@@ -77,8 +77,8 @@ class Marc(object):
         self.positions = post.increments()
         self.go_to(min(1, self.positions - 1))
         self.read_mesh()
-        held = [post.set(k) for k in range(post.sets())]
-        self.sets = [(each.name.strip(), each.type, list(each.items)) for each in held]
+        sets = [post.set(k) for k in range(post.sets())]
+        self.sets = [(entry.name.strip(), entry.type, list(entry.items)) for entry in sets]
         self.close = post.close
 
     def read_mesh(self):
@@ -91,8 +91,8 @@ class Marc(object):
     def has(self, around):
         """Whether the elements are still these: not after a remeshing."""
         return self._post.elements() == len(self.elements) and all(
-            here.issubset(self._post.element(self._index[number]).items)
-            for number, here in around.items()
+            node_set.issubset(self._post.element(self._index[number]).items)
+            for number, node_set in around.items()
         )
 
     def go_to(self, position):
@@ -122,9 +122,9 @@ class Marc(object):
         """Nodes of an element, and components there, as py_post extrapolates them."""
         row = self._index[element]
         if kind == "scalar":
-            return [(one.id, (one.value,)) for one in self._post.element_scalar(row, index)]
-        found = self._post.element_tensor(row, index)
-        return [(one.id, tuple(getattr(one, name) for name in TENSOR)) for one in found]
+            return [(entry.id, (entry.value,)) for entry in self._post.element_scalar(row, index)]
+        tensors = self._post.element_tensor(row, index)
+        return [(entry.id, tuple(getattr(entry, name) for name in TENSOR)) for entry in tensors]
 
 
 class Abaqus(object):
@@ -154,9 +154,9 @@ class Abaqus(object):
         if name not in names:
             raise ExportError("which part? --instance one of %s" % (", ".join(names) or "none"))
         part, self._element_nodal, self.close = instances[name], ELEMENT_NODAL, odb.close
-        self._of = {one.label: one for one in part.elements}
-        self.elements = {one.label: list(one.connectivity) for one in part.elements}
-        self._places = {one.label: tuple(one.coordinates) for one in part.nodes}
+        self._of = {element.label: element for element in part.elements}
+        self.elements = {element.label: list(element.connectivity) for element in part.elements}
+        self._places = {node.label: tuple(node.coordinates) for node in part.nodes}
         self._frames = [None]
         for step in odb.steps.values():
             for frame in list(step.frames)[1 if len(self._frames) > 1 else 0 :]:
@@ -168,13 +168,13 @@ class Abaqus(object):
                 for key in sets.keys():
                     self.sets.append((key, kind, self._members(sets[key], kind + "s", name)))
 
-    def _members(self, one, what, name):
+    def _members(self, group, attribute, name):
         """Labels of the members of a set that are of the chosen part: it may have several."""
         labels = []
-        for place, entry in enumerate(getattr(one, what) or ()):
+        for index, entry in enumerate(getattr(group, attribute) or ()):
             if hasattr(entry, "label"):
                 labels.append(entry.label)
-            elif one.instanceNames[place] == name:
+            elif group.instanceNames[index] == name:
                 labels += [member.label for member in entry]
         return labels
 
@@ -193,24 +193,26 @@ class Abaqus(object):
 
     def labels(self, kind):
         """The stress, S, is there as a tensor and as its von Mises stress."""
-        there = self._frame is not None and "S" in self._frame.fieldOutputs.keys()
-        return [LABELS[kind]] if there else []
+        has_stress = self._frame is not None and "S" in self._frame.fieldOutputs.keys()
+        return [LABELS[kind]] if has_stress else []
 
     def values(self, element, kind, index):
         """Nodes of an element, and stress there; a plane element has no 13 and 23."""
-        field, found = self._frame.fieldOutputs["S"], []
-        region, at = self._of[element], self._element_nodal
-        for one in field.getSubset(region=region, position=at).values:
+        field, values = self._frame.fieldOutputs["S"], []
+        region, position = self._of[element], self._element_nodal
+        for value in field.getSubset(region=region, position=position).values:
             if kind == "scalar":
-                found.append((one.nodeLabel, (one.mises,)))
+                values.append((value.nodeLabel, (value.mises,)))
                 continue
             try:
-                data = one.data
+                data = value.data
             except Exception:  # in double precision, Abaqus wants it by another name
-                data = one.dataDouble
-            held = {"t" + name[1:]: float(x) for name, x in zip(field.componentLabels, data)}
-            found.append((one.nodeLabel, tuple(held.get(name, 0.0) for name in TENSOR)))
-        return found
+                data = value.dataDouble
+            by_component = {
+                "t" + name[1:]: float(x) for name, x in zip(field.componentLabels, data)
+            }
+            values.append((value.nodeLabel, tuple(by_component.get(name, 0.0) for name in TENSOR)))
+        return values
 
 
 def main(words=None):
@@ -278,17 +280,21 @@ def sample(post, around, nodes, kind, label, position):
     index = index_of(post, kind, label)
     if index is None:
         raise ExportError("position %d: no %s here" % (position, label))
-    found = {node: [] for node in nodes}
-    for element, here in around.items():
+    components_at = {node: [] for node in nodes}
+    for element, node_set in around.items():
         for node, components in post.values(element, kind, index):
-            if node in here:
-                found[node].append(components)
+            if node in node_set:
+                components_at[node].append(components)
     stress = {}
-    for node, values in found.items():
+    for node, values in components_at.items():
         if not values:
-            at = [element for element, here in around.items() if node in here]
-            words = "no value in element %d: a pressure node?" % at[0] if at else "no element there"
-            raise ExportError("position %d: node %d has %s" % (position, node, words))
+            elements = [element for element, node_set in around.items() if node in node_set]
+            problem = (
+                "no value in element %d: a pressure node?" % elements[0]
+                if elements
+                else "no element there"
+            )
+            raise ExportError("position %d: node %d has %s" % (position, node, problem))
         means = [sum(column) / len(values) for column in zip(*values)]
         stress[node] = means[0] if kind == "scalar" else von_mises(*means)
         if stress[node] - stress[node] != 0:
@@ -307,9 +313,9 @@ def elements_at(post, nodes, within):
     members = None if within is None else set(set_named(post, within, "element"))
     around = {}
     for element, corners in post.elements.items():
-        here = set(corners) if nodes is None else set(corners).intersection(nodes)
-        if here and (members is None or element in members):
-            around[element] = here
+        node_set = set(corners) if nodes is None else set(corners).intersection(nodes)
+        if node_set and (members is None or element in members):
+            around[element] = node_set
     if nodes is not None:
         for node in set(nodes).difference(*around.values() or [()]):
             inside = "" if within is None else " of the set %s" % within
@@ -341,57 +347,57 @@ def chosen_places(post, args, kind, label):
         nodes += set_named(post, name, "node")
     if args.near:
         around = elements_at(post, None, args.within)
-        nodes += [nearest(post, place, around, kind, label) for place in args.near]
+        nodes += [nearest(post, point, around, kind, label) for point in args.near]
     places = list(args.afferent)
-    taken = {node for _, node in places}
-    places += [("", node) for node in nodes if node not in taken]
+    named = {node for _, node in places}
+    places += [("", node) for node in nodes if node not in named]
     for _, node in places:
         if post.place(node) is None:
             raise ExportError("no node %d in the model" % node)
-    return [place for at, place in enumerate(places) if place not in places[:at]]
+    return [pair for index, pair in enumerate(places) if pair not in places[:index]]
 
 
-def nearest(post, place, around, kind, label):
+def nearest(post, point, around, kind, label):
     """The node nearest to `place` at which an element has a value."""
     first = {}
-    for element, here in around.items():
-        for node in here:
+    for element, node_set in around.items():
+        for node in node_set:
             first.setdefault(node, element)
     ranked = []
     for node, element in first.items():
-        away = zip(post.place(node), place)
+        away = zip(post.place(node), point)
         ranked.append((math.sqrt(sum((a - b) ** 2 for a, b in away)), node, element))
     index = index_of(post, kind, label)
     for distance, node, element in sorted(ranked):
-        if any(at == node for at, _ in post.values(element, kind, index)):
-            note("near %s: node %d, %.4g away" % (place, node, distance))
+        if any(number == node for number, _ in post.values(element, kind, index)):
+            note("near %s: node %d, %.4g away" % (point, node, distance))
             return node
-    raise ExportError("no node with a value near %s" % (place,))
+    raise ExportError("no node with a value near %s" % (point,))
 
 
 def set_named(post, name, kind):
     """Members of a set of nodes or of elements."""
-    held = {key: items for key, of, items in post.sets if of == kind}
-    if name not in held:
-        names = ", ".join(sorted(held)) or "none"
+    members = {key: items for key, set_kind, items in post.sets if set_kind == kind}
+    if name not in members:
+        names = ", ".join(sorted(members)) or "none"
         raise ExportError("no %s set %r; there is %s" % (kind, name, names))
-    return held[name]
+    return members[name]
 
 
 def note_borders(post, around, nodes):
     """Note where the mean is over elements of different sets: layers, by all signs."""
-    held = [(name, set(items)) for name, kind, items in post.sets if kind == "element"]
+    element_sets = [(name, set(items)) for name, kind, items in post.sets if kind == "element"]
     for node in nodes:
         sides = {
-            tuple(name for name, items in held if element in items)
-            for element, here in around.items()
-            if node in here
+            tuple(name for name, items in element_sets if element in items)
+            for element, node_set in around.items()
+            if node in node_set
         }
         if len(sides) > 1:
-            words = " | ".join(sorted(" + ".join(names) or "none" for names in sides))
+            sides_text = " | ".join(sorted(" + ".join(names) or "none" for names in sides))
             note(
                 "node %d: its elements are in different sets, %s; the mean is over "
-                "all of them, --within SET takes one side" % (node, words)
+                "all of them, --within SET takes one side" % (node, sides_text)
             )
 
 
@@ -437,7 +443,7 @@ def afferent(text):
 
 def place(text):
     """Read ``X,Y`` or ``X,Y,Z``."""
-    values = tuple(float(word) for word in text.split(","))
+    values = tuple(float(number) for number in text.split(","))
     if len(values) not in (2, 3):
         raise ValueError(text)
     return values

@@ -28,6 +28,7 @@ from decks.stimuli import (
     DT_MS,
     MAX_AMPLITUDE_UM,
     MAX_SAMPLES,
+    Noise,
     named,
 )
 from decks.waveform import make_stimulus
@@ -37,7 +38,7 @@ from fembridge.number import parse_number, parse_whole_number
 from fembridge.run_folder import COLUMNS
 from fembridge.stimulus import Stimulus
 from fembridge.store import near_hint, read_bytes, replacing, write_text
-from fembridge.tables import MAX_TABLE_BYTES, read_table
+from fembridge.tables import MAX_TABLE_BYTES, read_table, warn_if_cut
 from fembridge.trace import STEP_TOLERANCE, doubt_of_gaps, doubt_of_step, mean_step, resample
 from fembridge.typing import FloatArray
 
@@ -102,6 +103,8 @@ def stimuli_of(
                     f"--{option} ({argument}=) is for a waveform in {kind}, and none is named"
                 )
         made += [read_stimulus(one, preindent_um, dt_ms, full_scale_um, log) for one in files]
+        if seed is not None and not any(isinstance(entry, Noise) for entry in entries):
+            raise UsageError("--seed (seed=) is for noise, and none is named")
         made += [make_stimulus(entry, preindent_um, seed) for entry in entries]
     names = [one.id for one in made]
     if len(set(names)) < len(names):
@@ -111,6 +114,22 @@ def stimuli_of(
     if slide_mm_per_s is not None:
         made = [one.sliding(slide_mm_per_s) for one in made]
     return made
+
+
+def check_depth_is_used(stimuli: Sequence[Stimulus], preindent_um: float | None) -> None:
+    """Refuse a `preindent_um` that a user chose and that none of `stimuli` has.
+
+    Raises
+    ------
+    UsageError
+        All of them hold their own depth before time 0, as a file that starts in the skin.
+    """
+    own_um = sorted({stimulus.preindent_um for stimulus in stimuli})
+    if preindent_um is not None and preindent_um not in own_um:
+        raise UsageError(
+            f"--preindent-um (preindent_um=) is {preindent_um:g}, but {stimuli[0].id} holds its "
+            f"own depth before time 0, {own_um[0]:g} um: leave it out"
+        )
 
 
 def read_stimulus(
@@ -428,9 +447,7 @@ def _marc_table(
 ) -> _Samples:
     from decks.marc.grammar import parse_real
 
-    if content[-1:] not in (b"\n", b"\r"):
-        problem = "no line end behind the last row, whose last value may be cut"
-        warnings.warn(f"{path}: {problem}", FembridgeWarning, stacklevel=4)
+    warn_if_cut(path, content[-1:])
     lines = [line for line in content.decode("latin-1").splitlines() if line[:1] != "$"]
     try:
         if not lines[0].startswith("table") or parse_whole_number(lines[2][10:20]) != len(

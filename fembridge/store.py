@@ -22,7 +22,7 @@ import tempfile
 import tomllib
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -40,8 +40,9 @@ from fembridge.typing import Table
 if TYPE_CHECKING:
     from cattrs import Converter
 
-_DRAFT = ".fembridge-draft-"
+DRAFT_PREFIX = ".fembridge-draft-"
 _LOOK_S = 0.2
+_MOST_ATTEMPTS = 20  # to make a draft where others remove what is empty
 _NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP}
 SHORT = 16
 """Hexadecimal digits of a digest that a folder is named by."""
@@ -65,7 +66,7 @@ def replacing(path: Path) -> Iterator[Path]:
         The folder cannot be made or written, the disk is full, or `path` is a
         folder, a device or a pipe. What stood under `path` before is untouched.
     """
-    if path.parent.name.startswith(_DRAFT):
+    if path.parent.name.startswith(DRAFT_PREFIX):
         try:
             yield path
         except OSError as error:
@@ -103,28 +104,57 @@ def filling(folder: Path, last: str, path: Path | None = None) -> Iterator[Path]
         `folder` cannot be made or written, or a folder stands where a file is
         wanted. What stood in `folder` before is untouched.
     """
-    if folder.name.startswith(_DRAFT):
+    if folder.name.startswith(DRAFT_PREFIX):
         yield folder
         return
     path = path or folder
+    with working_folder(folder, path) as draft:
+        try:
+            yield draft
+            _move_up(draft, folder, last)
+        except OutputError as error:
+            if not error.path.is_relative_to(draft):
+                raise
+            raise OutputError(error.problem, folder / error.path.relative_to(draft)) from error
+        except OSError as error:
+            raise OutputError(f"cannot write: {error.strerror or error}", path) from error
+
+
+@contextmanager
+def working_folder(folder: Path, path: Path | None = None) -> Iterator[Path]:
+    """A locked draft folder in `folder`, removed at the end with all that is in it.
+
+    A kill leaves it; the next command that writes into `folder` removes it, because
+    nobody holds its lock any more. Folders that were made for it and hold nothing at the
+    end are removed too. An error names `path`, by default `folder`.
+
+    Raises
+    ------
+    OutputError
+        `folder` cannot be made or written.
+    """
+    absent = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     make_folder(folder)
     try:
-        _remove_left_over(folder)
-        draft, handle = _made_and_locked(folder)
-    except OSError as error:
-        raise OutputError(f"cannot write here: {error.strerror}", path) from error
-    try:
-        yield draft
-        _move_up(draft, folder, last)
-    except OutputError as error:
-        if not error.path.is_relative_to(draft):
-            raise
-        raise OutputError(error.problem, folder / error.path.relative_to(draft)) from error
-    except OSError as error:
-        raise OutputError(f"cannot write: {error.strerror or error}", path) from error
+        try:
+            remove_abandoned_drafts(folder)
+            draft, handle = _made_and_locked(folder)
+        except OSError as error:
+            raise OutputError(f"cannot write here: {error.strerror}", path or folder) from error
+        try:
+            yield draft
+        finally:
+            shutil.rmtree(draft, ignore_errors=True)
+            os.close(handle)
     finally:
-        shutil.rmtree(draft, ignore_errors=True)
-        os.close(handle)
+        with suppress(OSError):  # files are in it
+            for parent in absent:
+                parent.rmdir()
+
+
+def temporary_folder() -> AbstractContextManager[Path]:
+    """A `working_folder` among the system's temporary ones: the next of any process removes it."""
+    return working_folder(Path(tempfile.gettempdir()))
 
 
 def check_output(folder: Path, *names: str) -> None:
@@ -137,30 +167,33 @@ def check_output(folder: Path, *names: str) -> None:
     OutputError
         As `filling`.
     """
-    absent = [place for place in (folder, *folder.parents) if not place.exists()]
     with filling(folder, last=""):
         for name in names:
             _check_replaceable(folder / name, folder / name)
-    with suppress(OSError):  # somebody else's files are in it by now
-        for place in absent:
-            place.rmdir()
 
 
 def _made_and_locked(folder: Path) -> tuple[Path, int]:
+    attempts = _MOST_ATTEMPTS
     while True:
-        draft = Path(tempfile.mkdtemp(prefix=_DRAFT, dir=folder))
-        with suppress(FileNotFoundError):  # another took it for left over: it had no lock yet
+        attempts -= 1
+        try:
+            draft = Path(tempfile.mkdtemp(prefix=DRAFT_PREFIX, dir=folder))
             handle = os.open(draft, os.O_RDONLY)
-            with suppress(OSError):  # a file system without locks: it stays, if we are killed
-                fcntl.flock(handle, fcntl.LOCK_EX)
-            if draft.exists():
-                return draft, handle
-            os.close(handle)
+        except FileNotFoundError:  # another removed the draft, not locked yet, or its empty folder
+            if not attempts:
+                raise
+            folder.mkdir(parents=True, exist_ok=True)
+            continue
+        with suppress(OSError):  # a file system without locks: it stays, if we are killed
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        if draft.exists():
+            return draft, handle
+        os.close(handle)
 
 
-def _remove_left_over(folder: Path) -> None:
+def remove_abandoned_drafts(folder: Path) -> None:
     """Remove the drafts in `folder` whose process has ended."""
-    for draft in folder.glob(f"{_DRAFT}*"):
+    for draft in folder.glob(f"{DRAFT_PREFIX}*"):
         with suppress(OSError):  # in use, or of another user
             handle = os.open(draft, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
             try:
@@ -222,7 +255,7 @@ def _move_up(draft: Path, folder: Path, last: str) -> None:
         _check_replaceable(folder / name, folder / name)
         with (draft / name).open("rb") as file:
             os.fsync(file.fileno())
-    with _alone_in(folder):
+    with locked_folder(folder):
         if all(
             (folder / name).is_file() and filecmp.cmp(draft / name, folder / name, shallow=False)
             for name in names
@@ -235,7 +268,7 @@ def _move_up(draft: Path, folder: Path, last: str) -> None:
 
 
 @contextmanager
-def _alone_in(folder: Path) -> Iterator[None]:
+def locked_folder(folder: Path) -> Iterator[None]:
     """Wait for others that move files up there; without locks, for nobody."""
     handle = None
     with suppress(OSError):  # some network file systems lock no folder
@@ -272,26 +305,34 @@ def folder_lock(folder: Path, name: str, *, wait: bool = True) -> Iterator[None]
         raise OutputError("a link stands where a lock file is wanted", path)
     lock = FileLock(path, thread_local=False)
     try:
-        lock.acquire(blocking=wait, poll_interval=_LOOK_S)
-        _write_number(path)
-    except Timeout as error:
-        raise LockedError(f"{_holder(path)} is at work here", folder) from error
-    except OSError as error:
-        lock.release()
-        if error.errno not in _NO_LOCKS:
-            raise OutputError(f"cannot write here: {error.strerror}", folder) from error
-        warnings.warn(
-            f"no file locks here ({error.strerror}): two that work in one folder at a time "
-            "do not notice each other",
-            FembridgeWarning,
-            stacklevel=3,
-        )
-    try:
+        try:
+            lock.acquire(blocking=wait, poll_interval=_LOOK_S)
+            _write_number(path)
+        except Timeout as error:
+            raise LockedError(f"{_holder(path)} is at work here", folder) from error
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:
+                raise OutputError(f"cannot write here: {error.strerror}", folder) from error
+            _remove_lock_file(path)  # it locks nothing
+            warnings.warn(
+                f"no file locks here ({error.strerror}): two that work in one folder at a time "
+                "do not notice each other",
+                FembridgeWarning,
+                stacklevel=3,
+            )
         yield
     finally:
         if lock.is_locked:
-            path.unlink(missing_ok=True)  # first: who opened it before looks again
+            _remove_lock_file(path)  # first: who opened it before looks again
         lock.release()
+
+
+def _remove_lock_file(path: Path) -> None:
+    """Remove the lock file `path`; a link in its place belongs to somebody else."""
+    with suppress(OSError):
+        status = path.lstat()
+        if stat.S_ISREG(status.st_mode) and status.st_nlink == 1:
+            path.unlink()
 
 
 def _write_number(path: Path) -> None:
@@ -327,7 +368,8 @@ def read_bytes(path: Path, max_bytes: int, error: MakeError) -> bytes:
     try:
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size  # of a pipe 0
-            content = b"" if size > max_bytes else file.read(max_bytes + 1)
+            # A buffer of this size is taken before the first byte is read.
+            content = b"" if size > max_bytes else file.read((size or max_bytes) + 1)
     except OSError as problem:
         raise error(f"{path}: cannot be read: {problem.strerror}") from problem
     if max(size, len(content)) > max_bytes:
@@ -499,6 +541,13 @@ def write_sealed(path: Path, table: Table) -> None:
 def read_sealed(path: Path, what: str, expected: object) -> Table:
     """Read what `write_sealed` wrote: a `what`, of the ``format`` `expected`."""
     content = read_bytes(path, MAX_TOML_BYTES, ResponseError)
+    return sealed_table(content, path, what, expected)
+
+
+def sealed_table(content: bytes, path: Path, what: str, expected: object) -> Table:
+    """Table in the `content` of a file `path` that `write_sealed` wrote; as `read_sealed`."""
+    if len(content) > MAX_TOML_BYTES:
+        raise ResponseError(f"{path}: more than {MAX_TOML_BYTES} bytes")
     table = _table_in(content, path, f"a {what}", ResponseError, MAX_TOML_KEYS)
     if table.get("format") != expected:
         raise ResponseError(f"{path}: format {table.get('format')!r}, expected {expected}")

@@ -461,7 +461,7 @@ def _plain_table(path: Path, asked: Mapping[str, Sequence[str]]) -> "TextTable |
     last = cells[len(header) - 1]
     if last.dtype == object and (last == "").any():
         return None  # perhaps a row that lacks a cell, and another with one too many
-    _warn_if_cut(path, counts.last_byte)
+    warn_if_cut(path, counts.last_byte)
     return TextTable(path, tuple(header), cells, np.arange(len(cells)) + 2)
 
 
@@ -827,11 +827,12 @@ def _content(path: Path) -> bytes:
             "a binary file, expected a CSV table in UTF-8; of results `fembridge ingest` makes one",
             path,
         )
-    _warn_if_cut(path, content[-1:])
+    warn_if_cut(path, content[-1:])
     return content
 
 
-def _warn_if_cut(path: Path, last_byte: bytes) -> None:
+def warn_if_cut(path: Path, last_byte: bytes) -> None:
+    """Warn of a text whose `last_byte` is no line end: its last value may be cut."""
     if last_byte and last_byte not in b"\r\n":
         _warn(path, "no line end behind the last row, whose last value may be cut")
 

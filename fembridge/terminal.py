@@ -7,10 +7,8 @@ would obey: it could be renamed, cleared, or made to show what is not there. Wha
 printed passes through `PlainStream`, which shows them as ``\x1b``.
 """
 
-import os
 import re
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Sequence
 from datetime import timedelta
@@ -22,50 +20,38 @@ if TYPE_CHECKING:
 
     from fembridge.solver.settings import Progress
 
-INTERRUPTED = 130
-"""Exit code of what Ctrl-C ended: 128 + SIGINT, as shells have it."""
-
 MOST_LINES = 30
 """Of a table on the screen; the rest is in a file."""
 
-LONGEST_ERROR = 300
-"""Characters of an error; the rest is in a file that the line names."""
+LONGEST_ERROR = 10_000
+"""Characters of an error that are printed."""
 
 PATIENCE_S = 2.0
 # Of a batch system's log: how long nothing is written about a run.
 QUIET_S = 30.0
 LONGEST_NAME = 28
 
-_TAIL = 80
 # C0 but tab and line feed, DEL, C1, line separators, and what turns text around.
 _STEERING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
 
 
 def plain(text: str) -> str:
     """`text` with control characters shown, not sent."""
-    return _STEERING.sub(lambda one: one[0].encode("unicode_escape").decode(), text)
+    return _STEERING.sub(lambda match: match[0].encode("unicode_escape").decode(), text)
 
 
 def error_line(problem: object) -> str:
-    """``fembridge: ...`` in one line of at most `LONGEST_ERROR` characters.
+    """``fembridge: ...`` in one line, whole.
 
-    Of a longer one beginning and end are kept, and the whole is written to a file for
-    temporary ones, which the line names.
+    Only of what no message says, more than `LONGEST_ERROR` characters, the middle is left
+    out, and counted: a file that somebody sent may have quoted itself into it.
     """
-    words = str(problem)
-    line = plain(f"fembridge: {' '.join(words.splitlines())}")
-    if len(line) <= LONGEST_ERROR:
+    line = plain(f"fembridge: {' '.join(str(problem).splitlines())}")
+    omitted_count = len(line) - LONGEST_ERROR
+    if omitted_count <= 0:
         return line
-    whole = ""
-    try:
-        handle, path = tempfile.mkstemp(prefix="fembridge-", suffix=".txt")
-        with os.fdopen(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
-            file.write(f"{words}\n")
-        whole = f" (whole: {path})"
-    except OSError:  # then the line is all there is
-        pass
-    end = f" ... {line[-_TAIL:]}{whole}"
-    return line[: max(0, LONGEST_ERROR - len(end))] + end
+    half = LONGEST_ERROR // 2
+    return f"{line[:half]} ... {omitted_count} characters left out ... {line[-half:]}"
 
 
 def log(line: object) -> None:
@@ -213,11 +199,13 @@ class SolverBars(Bars):
 
 def how_far(progress: "Progress") -> str:
     """Increments, iterations and the time left of a run of the solver, in a line."""
-    words = (
+    counts_text = (
         f"{progress.increment}/{progress.increments} increments, {progress.iterations} iterations"
     )
     left_s = progress.left_s
-    return words if left_s is None else f"{words}, {timedelta(seconds=round(left_s))} left"
+    return (
+        counts_text if left_s is None else f"{counts_text}, {timedelta(seconds=round(left_s))} left"
+    )
 
 
 def _start() -> "rich.progress.Progress":

@@ -1,5 +1,6 @@
 """Stress histories: what a solver hands to an afferent."""
 
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -32,6 +33,20 @@ _FFT_SAMPLES = 1 << 20  # of a spectrum; a longer history is the sum of several
 # Resampled samples that take 1 GB, and those of one history whose spikes take 2 GB.
 _MANY_SAMPLES, _LONG_HISTORY, _COARSE = 1 << 27, 8_000_000, 20
 _MOST_SAMPLES = 10_000_000  # of a resampled history: 83 minutes of 0.5 ms
+
+
+def seconds_to_ms(seconds: float) -> float:
+    """A time of a file in ms.
+
+    Raises
+    ------
+    ValueError
+        It is NaN, infinite, or above 1.8e305 s, which float64 cannot hold in ms.
+    """
+    time_ms = seconds * MS_PER_S
+    if not math.isfinite(time_ms):
+        raise ValueError(f"a time of {seconds:g} s is no time")
+    return time_ms
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -1,4 +1,4 @@
-"""Numbers, tables and pages as people read them, in HTML and in Markdown."""
+"""Formatted numbers, tables and pages, in HTML and in Markdown."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 ABSENT = "–"
-# The longer first: a name ends in one of them.
+# Unit suffixes of names, longer ones first.
 _UNITS = {
     "_mpa_per_mm": "MPa/mm",
     "_mm_per_s": "mm/s",
@@ -26,13 +26,13 @@ _UNITS = {
 
 
 def split_unit(name: str) -> tuple[str, str]:
-    """A name and the unit that it ends in: ``depth_um`` is ``depth`` in ``µm``."""
-    ending = next((ending for ending in _UNITS if name.endswith(ending)), "")
-    return name.removesuffix(ending), _UNITS.get(ending, "")
+    """A name without its unit suffix, and the unit: ``depth_um`` is ``depth`` in ``µm``."""
+    suffix = next((suffix for suffix in _UNITS if name.endswith(suffix)), "")
+    return name.removesuffix(suffix), _UNITS.get(suffix, "")
 
 
 def number(value: float, spec: str) -> str:
-    """A number with a true minus, 0 without a sign, or a dash for one that does not exist."""
+    """A number with a minus sign (U+2212), 0 without a sign, NaN as a dash."""
     if math.isnan(value):
         return ABSENT
     text = format(value, spec)
@@ -42,7 +42,7 @@ def number(value: float, spec: str) -> str:
 
 
 def worded(frame: "DataFrame", formats: str) -> "DataFrame":
-    """`frame` in words; `formats` has one for the numbers of each column, ``|`` between."""
+    """`frame` as strings; `formats` has a format spec for each column, separated by ``|``."""
     columns = zip(frame.columns, formats.split("|"), strict=True)
     return frame.astype(object).assign(
         **{
@@ -52,10 +52,10 @@ def worded(frame: "DataFrame", formats: str) -> "DataFrame":
     )
 
 
-def markdown(words: "DataFrame") -> str:
-    """A table of words, without its index."""
-    head, *body = (f"| {' | '.join(line)} |" for line in [[*words], *words.itertuples(index=False)])
-    return "\n".join([head, "|" + "---|" * words.shape[1], *body])
+def markdown(frame: "DataFrame") -> str:
+    """A Markdown table of a frame of strings, without its index."""
+    head, *body = (f"| {' | '.join(line)} |" for line in [[*frame], *frame.itertuples(index=False)])
+    return "\n".join([head, "|" + "---|" * frame.shape[1], *body])
 
 
 def rendered(
@@ -63,9 +63,9 @@ def rendered(
     filters: Mapping[str, Callable[..., Any]],
     **values: Any,  # noqa: ANN401 - a template takes anything
 ) -> str:
-    """Text of a template of `fembridge.report`; a name that it has not been given is an error.
+    """Text of a template of `fembridge.report`; a missing value is an error.
 
-    In HTML values are escaped.
+    Values are escaped in HTML.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 

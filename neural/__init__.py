@@ -1,9 +1,9 @@
-"""From the stress at an afferent to its spikes: NumPy alone, no solver.
+"""Spikes of an afferent from the stress at its position, without a solver.
 
-``encode`` is the way in; ``neural.filters``, ``neural.models`` and ``neural.lif`` are its
-three steps, ``neural.counts`` is the same for many parameters at once.
-``neural.agreement`` and ``neural.threshold`` judge it, ``neural.fit_problem``
-and ``neural.search`` fit it.
+``encode`` is the main function; its three steps are in ``neural.filters``, ``neural.models``
+and ``neural.lif``. ``neural.counts`` counts spikes for many parameters at once,
+``neural.agreement`` and ``neural.threshold`` compare predicted with observed rates,
+``neural.fit_problem`` and ``neural.search`` fit parameters.
 """
 
 from neural.agreement import Agreement, agreement

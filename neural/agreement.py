@@ -1,10 +1,10 @@
-"""How well predicted rates follow observed ones: regression line, RMSE and bias.
+"""Agreement of predicted with observed rates: regression line, RMSE and bias.
 
-A point is one stimulus: its observed rate across, its predicted rate up. The paper
-judges a model by "the regression line of all plots of each tactile afferent", so by
-one line through all stimuli of a family and a class (Figs. 3 (c), 4 (d) and 5 (d)).
-Its R² is a squared correlation: a model that fires twice as often as the skin has
-R² = 1. RMSE and bias stand beside it because they see that.
+A point is one stimulus: x is its observed rate, y its predicted rate. The paper judges
+a model by "the regression line of all plots of each tactile afferent": one line through
+all stimuli of a family and a class (Figs. 3 (c), 4 (d) and 5 (d)). Its R² is a squared
+correlation: a model with twice the observed rates has R² = 1. RMSE and bias show such a
+difference.
 """
 
 import math
@@ -19,17 +19,17 @@ from fembridge.typing import FloatArray
 # Rates are means of counts over windows; closer than this they differ by rounding.
 EQUAL_IPS = 1.0e-9
 
-# A line through two points has no degree of freedom left to be tested with.
+# A line through two points has no degree of freedom for a test.
 _LEAST_TESTED = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Regression:
-    """The line ``predicted = slope * observed + intercept_ips``, and how sure it is.
+    """Regression line ``predicted = slope * observed + intercept_ips`` with R² and p.
 
-    `r_squared` is the squared Pearson correlation, `p_value` that of a two-sided
-    t test against a slope of 0, `count` the number of points. NaN is what the points
-    do not determine; see `agreement`.
+    `r_squared` is the squared Pearson correlation, `p_value` is from a two-sided t test
+    against a slope of 0, `count` is the number of points. Values that the points do not
+    determine are NaN; see `agreement`.
     """
 
     slope: float
@@ -41,14 +41,14 @@ class Regression:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """All that a table says of a model against a recording."""
+    """Regression, RMSE and bias (predicted minus observed), rates in impulses/s."""
 
     regression: Regression
     rmse_ips: float
     bias_ips: float
 
     def to_row(self) -> dict[str, float]:
-        """Every number under its name, the regression's first."""
+        """Values by name, those of the regression first."""
         return {**asdict(self.regression), "rmse_ips": self.rmse_ips, "bias_ips": self.bias_ips}
 
 
@@ -64,19 +64,19 @@ def agreement(observed_ips: ArrayLike, predicted_ips: ArrayLike) -> Agreement:
     -------
     Agreement
         `bias_ips` is the mean of predicted minus observed: > 0 where the model
-        overrates. A silent model, or any that gives every stimulus one rate, has
-        slope 0 and neither R² nor p: both NaN. Observed rates that are all equal
-        determine no line: everything NaN but the count. Below three points p is NaN.
+        overestimates. With equal predicted rates, as of a silent model, the slope is 0 and
+        R² and p are NaN. With equal observed rates the whole regression is NaN except its
+        count. With fewer than three points p is NaN.
 
     Raises
     ------
     ParameterError
-        No rates, not as many of one as of the other, or one that is not finite.
+        No rates, unequal numbers of observed and predicted rates, or a rate that is not finite.
 
     Notes
     -----
-    The paper gives R² and p of "the regression line" and leaves the axes open; both
-    are the same either way. The slope is not: observed across is ours.
+    The paper gives R² and p of "the regression line" and does not name the axes. R² and p
+    do not depend on them; the slope does: here x is the observed rate.
 
     Examples
     --------
@@ -91,8 +91,7 @@ def agreement(observed_ips: ArrayLike, predicted_ips: ArrayLike) -> Agreement:
     )
     if observed.size != predicted.size:
         raise ParameterError(
-            f"{observed.size} observed and {predicted.size} predicted rates, expected one of "
-            "each a stimulus"
+            f"{observed.size} observed and {predicted.size} predicted rates, expected equal numbers"
         )
     nan, count = math.nan, observed.size
     if np.ptp(observed) <= EQUAL_IPS:

@@ -1,9 +1,9 @@
-"""Many parameter sets against many stimuli: the counts that a fit compares.
+"""Spike counts of many parameter sets under many stimuli, for a fit.
 
 The current of 10 000 candidates, 37 conditions and 500 steps would take 1.5 GB; here
-it is made row by row, block by block, and never leaves the cache. Counts equal the
-number of spikes that `neural.lif.fire` finds, to the last one. With numba (the extra
-``fast``) plain loops are compiled, else NumPy steps blocks of membranes.
+it is computed row by row and block by block, and stays in the CPU cache. Counts equal the
+number of spikes of `neural.lif.fire` exactly. With numba (the extra ``fast``) plain loops
+are compiled, otherwise NumPy steps blocks of membranes.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -21,12 +21,12 @@ from fembridge.typing import FloatArray, IntArray
 from neural.lif import Membrane, State, spiking
 from neural.models import Coefficients
 
-# First row in which spikes count and the row after the last, ``(condition,)`` each or
-# numbers.
+# First row in which spikes are counted and the row after the last, ``(condition,)`` each
+# or numbers.
 Window: TypeAlias = tuple[ArrayLike, ArrayLike]
 
-# Membranes stepped together: the 30 bytes that a step touches of each stay in a
-# cache of 1 MiB, and what NumPy costs a call is shared by many.
+# Membranes stepped together: the 30 bytes of each that a step uses fit into a cache of
+# 1 MiB, and the cost of a NumPy call is divided among many membranes.
 BLOCK = 16_384
 
 _NOT_FINITE = "a current that is not finite reached a membrane"
@@ -40,7 +40,7 @@ def candidate_counts(
     window: Window | None = None,
     single: bool = False,
 ) -> IntArray:
-    """Count the spikes of each candidate under each condition.
+    """Number of spikes of each candidate under each condition.
 
     Parameters
     ----------
@@ -48,16 +48,17 @@ def candidate_counts(
         The filtered stress of one afferent class, ``(T, condition)`` each, one or
         two.
     coefficients
-        What makes them a current; its entries are a number a candidate, or numbers that
-        all share.
+        Coefficients of the current; entries are ``(candidate,)`` or numbers shared by all
+        candidates.
     membrane
-        Its `decay`, `jump` and `decay_of_jump` are so, too, all else are numbers.
+        Membrane constants; `decay`, `jump` and `decay_of_jump` are ``(candidate,)`` or
+        numbers, the others numbers.
     window
-        The rows to count in: the rows before are stepped through, those after are not
-        looked at.
+        Rows in which spikes are counted. Earlier rows are stepped, later rows are not.
+        Default: all rows.
     single
-        Step in single precision: twice as fast, and where a potential grazes its
-        threshold a count may differ. For a search, not for what is reported.
+        Step in single precision (default: False): twice as fast; a count may differ where
+        a potential nearly equals its threshold. For a search, not for reported rates.
 
     Returns
     -------
@@ -100,14 +101,19 @@ def candidate_counts(
     )
     counts = np.empty((candidates, conditions), dtype=np.int64)
     if step := compiled():
-        drives_of, own = [*filtered], [*per_drive]
-        if len(own) == 1:  # a second one without a share
-            drives_of, own = [*filtered, np.zeros_like(filtered[0])], [*own, np.ones_like(alpha)]
-        limits = (0.0 if one else -np.inf for one in (membrane.clamped, membrane.until_turn))
+        drives_of, gains = [*filtered], [*per_drive]
+        if len(gains) == 1:  # the compiled loop takes two drives: the second is 0
+            drives_of, gains = (
+                [*filtered, np.zeros_like(filtered[0])],
+                [*gains, np.ones_like(alpha)],
+            )
+        limits = (
+            0.0 if is_active else -np.inf for is_active in (membrane.clamped, membrane.until_turn)
+        )
         threshold = np.asarray(membrane.threshold)
-        given = (
+        arguments = (
             np.ascontiguousarray(np.abs(drives_of) if saturates else drives_of, dtype=kind),
-            np.stack([*own, alpha, decay, jump, decay_of_jump]),
+            np.stack([*gains, alpha, decay, jump, decay_of_jump]),
             (kind(threshold), *map(kind, limits)),
             int(np.asarray(membrane.refractory)),
             np.stack([first, end]),
@@ -116,27 +122,27 @@ def candidate_counts(
         longest_first = np.argsort(-end, kind="stable")
         threads = _threads()
         with ThreadPoolExecutor(threads) as pool:
-            # Of one layout: another would be compiled anew, some seconds each.
+            # All contiguous: numba compiles every other layout again, some seconds each.
             shares = [np.ascontiguousarray(longest_first[n::threads]) for n in range(threads)]
-            list(pool.map(lambda share: step(share, *given, counts), shares))
+            list(pool.map(lambda share: step(share, *arguments, counts), shares))
         if counts.min(initial=0) < 0:
             raise TraceError(_NOT_FINITE)
         return counts
-    # Conditions whose window ends early are not stepped to the end of the others.
-    for last in np.unique(end):
-        (members,) = np.nonzero(end == last)
-        # Candidates lie along the last axis: there a drive is one number, and every
-        # operation runs over memory in its order.
+    # Conditions are grouped by the end of their window, and not stepped beyond it.
+    for window_end in np.unique(end):
+        (members,) = np.nonzero(end == window_end)
+        # Candidates are on the last axis: a drive is one number there, and every operation
+        # reads memory in order.
         columns = [np.asarray(drive[:, members, np.newaxis], dtype=kind) for drive in filtered]
         size = max(1, BLOCK // members.size)
         for start in range(0, candidates, size):
             block = slice(start, min(start + size, candidates))
-            each = tuple(one[block] for one in per_drive)
+            per_block = tuple(is_active[block] for is_active in per_drive)
             counts[block, members] = _tally(
                 columns,
-                Coefficients(alpha[block], halves=each)
+                Coefficients(alpha[block], halves=per_block)
                 if saturates
-                else Coefficients(kind(1.0), weights=each),
+                else Coefficients(kind(1.0), weights=per_block),
                 replace(
                     membrane,
                     decay=decay[block],
@@ -144,7 +150,7 @@ def candidate_counts(
                     decay_of_jump=decay_of_jump[block],
                 ),
                 first[members, np.newaxis],
-                int(last),
+                int(window_end),
                 (members.size, block.stop - block.start),
             ).T
     return counts
@@ -158,9 +164,9 @@ def _tally(
     end: int,
     shape: tuple[int, int],
 ) -> IntArray:
-    """Spikes from row `first` on, before `end`, of a block of membranes ``(condition, candidate)``.
+    """Spikes in rows `first` to `end` − 1 of a block of membranes ``(condition, candidate)``.
 
-    `columns` are drives ``(T, condition, 1)``; the precision is theirs.
+    `columns` are drives ``(T, condition, 1)``; the block has their precision.
     """
     state = State.at_rest(shape, columns[0].dtype)
     so_far, before = np.zeros(shape, np.int32), np.zeros(shape, np.int32)
@@ -179,7 +185,7 @@ def _tally(
 def _currents(
     columns: Sequence[FloatArray], coefficients: Coefficients, end: int, shape: tuple[int, int]
 ) -> Iterator[FloatArray]:
-    """Current of row after row: in one buffer, where that is quicker."""
+    """Current of each row, in a reused buffer where that is faster."""
     current, share = np.empty((2, *shape), columns[0].dtype)
     if coefficients.halves is not None:
         sizes = [np.abs(column) for column in columns]
@@ -190,7 +196,7 @@ def _currents(
             if len(sizes) == 2:
                 current += share
             yield np.multiply(current, coefficients.alpha_mv_per_ms, out=current)
-    elif current.dtype == np.float32:  # a matrix product: it rounds in another way
+    elif current.dtype == np.float32:  # a matrix product, whose rounding differs
         rows, gains = np.concatenate(columns, axis=2), np.stack(coefficients.gains())
         for row in range(end):
             yield np.dot(rows[row], gains, out=current)
@@ -201,20 +207,20 @@ def _currents(
 
 @cache
 def compiled() -> Callable[..., None] | None:
-    """`_step_each` as machine code, kept on disk from then on; None without numba."""
+    """`_step_each` compiled by numba and cached on disk; None without numba."""
     try:
         from numba import njit
     except ImportError:
         return None
     try:
-        found: Callable[..., None] = njit(_step_each, cache=True, error_model="numpy", nogil=True)
-    except RuntimeError:  # nowhere to write
-        found = njit(_step_each, error_model="numpy", nogil=True)
-    return found
+        loop: Callable[..., None] = njit(_step_each, cache=True, error_model="numpy", nogil=True)
+    except RuntimeError:  # no folder for the cache is writable
+        loop = njit(_step_each, error_model="numpy", nogil=True)
+    return loop
 
 
 def _threads() -> int:
-    """As many as numba may take of the cores, ``NUMBA_NUM_THREADS``; of a worker process, one."""
+    """Number of threads: ``NUMBA_NUM_THREADS`` of numba, 1 in a worker process."""
     from numba import config
 
     return 1 if parent_process() else int(config.NUMBA_NUM_THREADS)
@@ -230,61 +236,69 @@ def _step_each(
     saturates: bool,
     counts: IntArray,
 ) -> None:
-    """Plain loops over `conditions`, rows and candidates, into their columns of `counts`.
+    """Loop over `conditions`, rows and candidates; writes the columns of `counts`.
 
-    `values` are rows of gains of both drives, alpha, decay, jump and its decay. `limits`
-    are the threshold, where the potential is clamped, and below which the threshold
-    comes back. A count is -1 where the potential is not finite in the end.
+    The rows of `values` are gains of both drives, alpha, decay, jump and decay of the jump.
+    `limits` are the threshold, the lowest potential, and the potential below which the
+    threshold returns. A count is -1 where the final potential is not finite.
 
-    Candidates that cannot reach the threshold are not stepped: without any leak a potential
-    is never above the largest rise of the summed current, nor, with it, above what the
-    largest current would hold for ever, of each drive for itself. A thousandth is left for
-    rounding. The innermost loop has no branch but choices between two numbers: it becomes
-    vector instructions.
+    Candidates that cannot reach the threshold are not stepped. Without leak a potential
+    never exceeds the largest rise of the summed current; with leak it never exceeds the
+    steady state of the largest current. Both bounds are computed per drive, with a
+    thousandth for rounding. The innermost loop has no branches except choices between two
+    numbers, so that it becomes vector instructions.
     """
     threshold, lowest, turn = limits
     zero = values.dtype.type(0)
-    none, one, rest = np.int32(0), np.int32(1), np.int32(refractory)
+    zero_rows, unity, rest_rows = np.int32(0), np.int32(1), np.int32(refractory)
     for condition in conditions:
         counts[:, condition] = 0
         first, end = window[0, condition], window[1, condition]
-        whole, most = np.zeros(values.shape[1]), np.zeros(values.shape[1])
+        bound_without_leak, bound_with_leak = np.zeros(values.shape[1]), np.zeros(values.shape[1])
         for drive in range(drives.shape[0]):
             total, low, high, rise, fall = 0.0, 0.0, 0.0, 0.0, 0.0
             for row in range(end):
                 total += drives[drive, row, condition]
                 low, high = min(low, total), max(high, total)
                 rise, fall = max(rise, total - low), max(fall, high - total)
-            gain, own = values[drive], drives[drive, :, condition]
-            whole += np.maximum(rise * gain, -fall * gain)
-            most += np.maximum(np.maximum(own.max() * gain, own.min() * gain), 0.0)
-        leak = one - values[3]
-        reaches = ~(whole < 0.999 * threshold) & ~(most < 0.999 * threshold * leak)
-        which = np.flatnonzero(saturates | (leak > one) | reaches)
-        of_x, of_y, alpha, decay, jump, decay_of_jump = values[:, which]
+            gain, condition_drive = values[drive], drives[drive, :, condition]
+            bound_without_leak += np.maximum(rise * gain, -fall * gain)
+            bound_with_leak += np.maximum(
+                np.maximum(condition_drive.max() * gain, condition_drive.min() * gain), 0.0
+            )
+        leak = unity - values[3]
+        reaches = ~(bound_without_leak < 0.999 * threshold) & ~(
+            bound_with_leak < 0.999 * threshold * leak
+        )
+        stepped = np.flatnonzero(saturates | (leak > unity) | reaches)
+        of_x, of_y, alpha, decay, jump, decay_of_jump = values[:, stepped]
         potential, raised = np.zeros_like(decay), np.zeros_like(decay)
-        silent, fired = np.zeros(which.size, np.int32), np.zeros(which.size, np.int32)
+        silent, fired = np.zeros(stepped.size, np.int32), np.zeros(stepped.size, np.int32)
         adaptive = (jump != 0).any()
         for row in range(end):
             x, y = drives[0, row, condition], drives[1, row, condition]
-            inside = np.int32(row >= first)
-            for k in range(which.size):
+            counted = np.int32(row >= first)
+            for k in range(stepped.size):
                 if saturates:
                     current = (x / (of_x[k] + x) + y / (of_y[k] + y)) * alpha[k]
                 else:
                     current = of_x[k] * x + of_y[k] * y
-                now, more, wait = potential[k] * decay[k] + current, zero, silent[k]
-                now = zero if wait > none else now
+                next_potential, added_threshold, wait_rows = (
+                    potential[k] * decay[k] + current,
+                    zero,
+                    silent[k],
+                )
+                next_potential = zero if wait_rows > zero_rows else next_potential
                 if adaptive:
-                    more = raised[k]
-                    more = zero if now < turn else more
-                    more *= decay_of_jump[k]
-                now = lowest if now < lowest else now
-                spike = now > threshold + more
-                potential[k] = zero if spike else now
+                    added_threshold = raised[k]
+                    added_threshold = zero if next_potential < turn else added_threshold
+                    added_threshold *= decay_of_jump[k]
+                next_potential = lowest if next_potential < lowest else next_potential
+                spike = next_potential > threshold + added_threshold
+                potential[k] = zero if spike else next_potential
                 if adaptive:
-                    raised[k] = more + (jump[k] if spike else zero)
-                fired[k] += inside if spike else none
-                silent[k] = rest if spike else wait - one
-        for k in range(which.size):
-            counts[which[k], condition] = fired[k] if np.isfinite(potential[k]) else -1
+                    raised[k] = added_threshold + (jump[k] if spike else zero)
+                fired[k] += counted if spike else zero_rows
+                silent[k] = rest_rows if spike else wait_rows - unity
+        for k in range(stepped.size):
+            counts[stepped[k], condition] = fired[k] if np.isfinite(potential[k]) else -1

@@ -7,15 +7,17 @@ fibres of a population, each with its own stress and its own deviate.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError, TraceError
 from fembridge.typing import FloatArray, IntArray
-from neural.filters import checked_stress
+from neural.filters import Past, checked_stress
 from neural.lif import Membrane, State, fire
 from neural.models import model_of
 from neural.parameters import AfferentParameters, Parameters, quantiles
@@ -24,10 +26,39 @@ from neural.parameters import AfferentParameters, Parameters, quantiles
 # 250 ms that is 0.025 ms, a twentieth of a sample.
 _STEP_TOLERANCE = 1.0e-4
 
-# How many membranes are computed at once, how many numbers of their currents and rows, and
-# how many samples around one a filter may see: of a trace of an hour, or of
-# a hundred thousand membranes, little is in memory beside the stress and the spikes.
-_MEMBRANES, _NUMBERS, _ROWS, _SAMPLES_AROUND = 1 << 12, 1 << 21, 1 << 16, 64
+# How many membranes are computed at once, and how many numbers of their currents and rows: of a
+# trace of an hour, or of a hundred thousand membranes, little is in memory beside the spikes.
+_MEMBRANES, _NUMBERS, _ROWS = 1 << 12, 1 << 21, 1 << 16
+_LEAST_ROWS = 64
+# ... of units, whose stress may take some time for each part.
+_UNIT_NUMBERS = 1 << 23
+
+
+class StressOfUnits(Protocol):
+    """Stress at units ``(T, unit)`` in Pa that is made a part at a time."""
+
+    @property
+    def samples(self) -> int:
+        """T, two or more."""
+        ...
+
+    def of(self, rows: IntArray) -> Callable[[int, int], FloatArray]:
+        """What makes the stress of the units `rows` from one sample up to another."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Whole:
+    """An array as `StressOfUnits`."""
+
+    stress_pa: FloatArray
+
+    @property
+    def samples(self) -> int:
+        return len(self.stress_pa)
+
+    def of(self, rows: IntArray) -> Callable[[int, int], FloatArray]:
+        return lambda first, last: self.stress_pa[first:last, rows]
 
 
 def encode(
@@ -164,23 +195,18 @@ def _encoded(
     membrane = Membrane.joined([_membrane(one) for one in chosen.values()], sizes)
     samples = len(next(iter(stress.values())))
     step_ms = next(iter(chosen.values())).dt_ms
-    reach = min(samples, _SAMPLES_AROUND)
-    step = max(reach, min(_ROWS, _NUMBERS // sum(sizes)))
-    if any(model_of(one).whole for one in chosen.values()):
-        step = samples
+    step = max(_LEAST_ROWS, min(_ROWS, _NUMBERS // sum(sizes)))
     state = State.at_rest(sum(sizes))
+    currents = [
+        _currents(partial(_rows_of, stress[name]), samples, one, derivative, need, step)
+        for (name, one), need in zip(chosen.items(), needs, strict=True)
+    ]
     parts = []
-    # The current of the last sample would act after the trace: it is left out.
-    for first in range(0, samples - 1, step):
-        last = min(first + step, samples - 1)
-        begin, end = max(0, first - reach), min(samples, last + 1 + reach)
-        currents = [
-            _current(stress[name][begin:end], one, derivative, need)
-            for (name, one), need in zip(chosen.items(), needs, strict=True)
-        ]
-        kept = [each[first - begin : last - begin].reshape(last - first, -1) for each in currents]
-        rows, membranes = fire(np.concatenate(kept, axis=1), membrane, state)
+    first = 0
+    for together in zip(*currents, strict=True):
+        rows, membranes = fire(np.concatenate(together, axis=1), membrane, state)
         parts.append((rows + first, membranes))
+        first += len(together[0])
     rows, membranes = map(np.concatenate, zip(*parts, strict=True))
     order = np.argsort(membranes, kind="stable")
     # The step that row k feeds ends at sample k + 1.
@@ -212,7 +238,7 @@ class UnitSpikes:
 
 
 def encode_units(
-    stress_pa: FloatArray,
+    stress_pa: FloatArray | StressOfUnits,
     afferent: Sequence[str],
     dt_ms: float,
     parameters: Parameters,
@@ -232,7 +258,7 @@ def encode_units(
     Parameters
     ----------
     stress_pa
-        Von Mises stress at each unit, ``(T, unit)`` in Pa.
+        Von Mises stress at each unit, ``(T, unit)`` in Pa, or what makes parts of it.
     afferent
         Class of each unit.
     dt_ms
@@ -253,10 +279,15 @@ def encode_units(
     TraceError
         Samples that are not a stress history.
     """
-    stress = checked_stress(stress_pa)
     names = np.array(afferent, dtype=object)
-    if stress.ndim != 2 or stress.shape[1] != names.size:
-        raise TraceError(f"stress {stress.shape}, expected (T, {names.size})")
+    stress: StressOfUnits
+    if isinstance(stress_pa, np.ndarray):
+        array = checked_stress(stress_pa)
+        if array.ndim != 2 or array.shape[1] != names.size:
+            raise TraceError(f"stress {array.shape}, expected (T, {names.size})")
+        stress = _Whole(array)
+    else:
+        stress = stress_pa
     if unknown := sorted(set(afferent) - set(parameters)):
         raise ParameterError(f"no parameters of {', '.join(unknown)}")
     if not (noise_mv >= 0 and np.isfinite(noise_mv)):
@@ -274,27 +305,61 @@ def encode_units(
                 f"model {one.drive!r} of {name} reads {model.quantity}, expected one that reads "
                 "von Mises stress"
             )
+        membrane = _membrane(one)
         units = np.flatnonzero(names == name)
         width = max(1, _MEMBRANES // trials)
         for first in range(0, units.size, width):
             mine = units[first : first + width]
-            # That of the last sample would act after the trace.
-            current = _current(stress[:, mine], one, derivative, needs[np.newaxis, mine])[:-1]
-            current = current.reshape(len(current), -1)
-            if trials > 1:
-                current = np.tile(current, (1, trials))
-            if noise_mv and rng is not None:
-                step = noise_mv / np.sqrt(one.dt_ms)
-                current = current + step * rng.standard_normal(current.shape)
-            rows, membranes = fire(current, _membrane(one))
-            times_ms = start_ms + (rows + 1.0) * one.dt_ms
-            trial = membranes // (current.shape[1] // trials) + 1
-            parts.append((mine[membranes % mine.size], trial, np.asarray(times_ms)))
+            count = trials * mine.size * (1 + model.two_way)
+            state = State.at_rest(count)
+            step = max(_LEAST_ROWS, min(_ROWS, _UNIT_NUMBERS // count))
+            currents = _currents(
+                stress.of(mine), stress.samples, one, derivative, needs[np.newaxis, mine], step
+            )
+            for part, fed in enumerate(currents):
+                current = np.tile(fed, (1, trials)) if trials > 1 else fed
+                if noise_mv and rng is not None:
+                    size_mv = noise_mv / np.sqrt(one.dt_ms)
+                    current = current + size_mv * rng.standard_normal(current.shape)
+                rows, membranes = fire(current, membrane, state)
+                times_ms = start_ms + (part * step + rows + 1.0) * one.dt_ms
+                trial = membranes // (count // trials) + 1
+                parts.append((mine[membranes % mine.size], trial, np.asarray(times_ms)))
     if not parts:
         return UnitSpikes(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
     unit, trial, time_ms = (np.concatenate(each) for each in zip(*parts, strict=True))
     order = np.lexsort((time_ms, trial, unit))
     return UnitSpikes(unit[order], trial[order], time_ms[order])
+
+
+def _rows_of(stress: FloatArray, first: int, last: int) -> FloatArray:
+    return stress[first:last]
+
+
+def _currents(
+    stress_at: Callable[[int, int], FloatArray],
+    samples: int,
+    parameters: AfferentParameters,
+    derivative: str,
+    needs: FloatArray,
+    step: int,
+) -> Iterator[FloatArray]:
+    """Currents ``(step, membrane)`` in mV/ms of one part of a trace after the other.
+
+    `stress_at` makes the stress from one sample up to another. Of a part a filter sees what is
+    around it, too; what a recursive filter holds goes on to the next part. The current of the
+    last sample would act after the trace: it is left out.
+    """
+    model = model_of(parameters)
+    around = model.samples_around(parameters.dt_ms)
+    pasts = [Past() for _ in model.filters]
+    for first in range(0, samples - 1, step):
+        last = min(first + step, samples - 1)
+        begin, end = max(0, first - around), min(samples, last + 1 + around)
+        for past in pasts:
+            past.before, past.count = first - begin, last - first
+        current = _current(stress_at(begin, end), parameters, derivative, needs, pasts)
+        yield current[first - begin : last - begin].reshape(last - first, -1)
 
 
 def check_step(parameters: AfferentParameters, dt_ms: float) -> None:
@@ -308,7 +373,11 @@ def check_step(parameters: AfferentParameters, dt_ms: float) -> None:
 
 
 def _current(
-    stress: FloatArray, parameters: AfferentParameters, derivative: str, needs: FloatArray
+    stress: FloatArray,
+    parameters: AfferentParameters,
+    derivative: str,
+    needs: FloatArray,
+    pasts: Sequence[Past] | None = None,
 ) -> FloatArray:
     """Current ``(T, way, cell, condition)`` in mV/ms of membranes that need `needs` times as much.
 
@@ -316,7 +385,7 @@ def _current(
     ``(T,)`` or ``(T, condition)``, `needs` ``(cell,)``, or of units, one cell each, ``(1, unit)``.
     """
     model = model_of(parameters)
-    filtered = model.filtered(stress, parameters.dt_ms, derivative)
+    filtered = model.filtered(stress, parameters.dt_ms, derivative, pasts)
     columns = [each.reshape(len(each), -1) for each in filtered]
     ways = model.ways(parameters.by_name())
     current = np.empty((len(stress), len(ways), len(needs), columns[0].shape[1]))

@@ -23,6 +23,7 @@ samples has a known rest, and then its onset counts.
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import accumulate
 from typing import Any
 
@@ -59,6 +60,9 @@ FADING_SHARE = 0.5
 # Where the answer of SA to movement falls off: of those tried the best on a frequency that was
 # left out (decision 0032). Without it SA would follow a loud 400 Hz with 200 impulses/s.
 SLOW_HZ = 100.0
+
+# Samples after which the step response of `corpuscle` is cut off at the latest.
+_LONGEST = 1 << 20
 
 # So many columns and fewer are filtered one by one, so many samples at once.
 _FEW, _BLOCK = 20, 65_536
@@ -126,24 +130,48 @@ def stress_rate(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward"
     return slope
 
 
-def slow_rate(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
-    """σ′ through a low pass of one pole at `SLOW_HZ`, in Pa/ms: the movement that drives SA."""
+@dataclass(slots=True)
+class Past:
+    """What a recursive filter keeps from one part of a trace to the next.
+
+    The filter gets a part with samples around it: `before` of them come first and were filtered
+    with the last part, the next `count` are the part. `value` is the output of its recursion at
+    the sample before the part, None at the beginning of the trace.
+    """
+
+    before: int = 0
+    count: int = 0
+    value: FloatArray | None = None
+
+
+def slow_rate(
+    stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward", past: Past | None = None
+) -> FloatArray:
+    """σ′ through a low pass of one pole at `SLOW_HZ`, in Pa/ms: the movement that drives SA.
+
+    With `past` of a part of a trace: outputs before the part are 0.
+    """
     rate = stress_rate(stress_pa, dt_ms, derivative)
     fed, kept = _low_pass(SLOW_HZ, dt_ms)
     fed_in = np.zeros_like(rate)
     fed_in[1:] = fed * (rate[1:] + rate[:-1])
-    return _from_sample_to_sample(fed_in, lambda passed, now: kept * passed + now)
+    return _from_sample_to_sample(fed_in, lambda passed, now: kept * passed + now, past)
 
 
-def faded(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
+def faded(
+    stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward", past: Past | None = None
+) -> FloatArray:
     """Stress less what has faded of it in Pa: the sustained part of what drives SA.
 
     ``max(σ − FADING_SHARE s, 0)``, where s follows σ with `FADE_MS` and is σ at the
-    first sample: what was held before the trace has faded.
+    first sample: what was held before the trace has faded. With `past` of a part of a trace:
+    outputs before the part mean nothing.
     """
     stress = checked_stress(stress_pa, dt_ms, derivative)
     gain = -math.expm1(-dt_ms / FADE_MS)
-    followed = _from_sample_to_sample(stress, lambda before, now: before + gain * (now - before))
+    followed = _from_sample_to_sample(
+        stress, lambda before, now: before + gain * (now - before), past
+    )
     left: FloatArray = np.maximum(stress - FADING_SHARE * followed, 0.0)
     return left
 
@@ -170,6 +198,11 @@ def corpuscle(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") 
     return compressed
 
 
+def corpuscle_reach(dt_ms: float) -> int:
+    """How many samples before one count for `corpuscle` there."""
+    return len(_corpuscle_response(dt_ms, _LONGEST)) + 1
+
+
 def _corpuscle_response(dt_ms: float, longest: int) -> list[float]:
     """Step response of the passes of `corpuscle`, as far as it matters.
 
@@ -191,22 +224,35 @@ def _corpuscle_response(dt_ms: float, longest: int) -> list[float]:
     return response
 
 
-def _from_sample_to_sample(samples: FloatArray, step: Callable[[Any, Any], Any]) -> FloatArray:
-    """`step` of what came before and the next sample, from the first sample on."""
+def _from_sample_to_sample(
+    samples: FloatArray, step: Callable[[Any, Any], Any], past: Past | None = None
+) -> FloatArray:
+    """`step` of what came before and the next sample, from the first sample on.
+
+    With a `past` that has a value, from the first sample of its part on.
+    """
     found = np.empty_like(samples)
+    start, held = 0, None
+    if past is not None and past.value is not None:
+        start, held = past.before, past.value
+        found[:start] = 0.0
     if samples.ndim == 2 and samples.shape[1] > _FEW:
-        for row, now in enumerate(accumulate(samples, step)):
-            found[row] = now
-        return found
-    # Plain numbers are several times as fast as rows of a few.
-    for column in np.ndindex(samples.shape[1:]):
-        before = None
-        for first in range(0, len(samples), _BLOCK):
-            rows = (slice(first, first + _BLOCK), *column)
-            block = accumulate(samples[rows].tolist(), step, initial=before)
-            values = list(block)[before is not None :]
-            found[rows] = values
-            before = values[-1]
+        rows = accumulate(samples[start:], step, initial=held)
+        for row, now in enumerate(rows, start - (held is not None)):
+            if row >= start:
+                found[row] = now
+    else:
+        # Plain numbers are several times as fast as rows of a few.
+        for column in np.ndindex(samples.shape[1:]):
+            before = None if held is None else held[column].item()
+            for first in range(start, len(samples), _BLOCK):
+                part = (slice(first, first + _BLOCK), *column)
+                block = accumulate(samples[part].tolist(), step, initial=before)
+                values = list(block)[before is not None :]
+                found[part] = values
+                before = values[-1]
+    if past is not None:
+        past.value = np.array(found[past.before + past.count - 1])
     return found
 
 

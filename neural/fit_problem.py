@@ -1,8 +1,8 @@
-"""What a fit minimises: the rates of many candidates against observed ones.
+"""Objectives of a fit: errors of the rates of many candidates, and of other targets.
 
 The objectives are the paper's (section 3.2): for each group of stimuli, such as the
-sinusoids of one frequency, the mean of the squared differences of rates. Beside them may
-stand targets of another kind: threshold amplitudes, or the times of spikes.
+sinusoids of one frequency, the mean squared difference of rates. Further objectives are
+threshold amplitudes, spike times or vector strengths.
 """
 
 import math
@@ -25,9 +25,9 @@ from neural.timing import van_rossum_distance, victor_purpura_distance
 
 
 class Target(Protocol):
-    """What is observed beside rates: an objective of its own, named `name`.
+    """Observation other than rates, fitted as a separate objective `name`.
 
-    `free` are parameters that only it has, such as a latency.
+    `free` are parameters of this objective alone, such as a latency.
     """
 
     @property
@@ -36,19 +36,19 @@ class Target(Protocol):
 
     @property
     def free(self) -> tuple[Free, ...]:
-        """Parameters that the search adds for it."""
+        """Parameters that the search adds for this objective."""
 
     @property
     def tolerated(self) -> float:
-        """Largest error that the rule ``tolerant`` lets pass."""
+        """Largest error that the rule ``tolerant`` accepts."""
 
     def errors(self, problem: "FitProblem", values: FloatArray, single: bool) -> FloatArray:
-        """Error of each candidate, ``(candidate,)``, 0 or more."""
+        """Error >= 0 of each candidate, ``(candidate,)``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FitProblem:
-    """One class, one model, and the rates that were observed of it.
+    """Fit of one model of one class to observed rates.
 
     Parameters
     ----------
@@ -59,15 +59,15 @@ class FitProblem:
     observed_ips
         Observed rates, ``(stimulus,)``.
     groups
-        Name of the group of each stimulus: one objective a group.
+        Name of the group of each stimulus; each group is one objective.
     windows_ms
-        Where the spikes of each stimulus are counted.
+        Start and end of the counting window of each stimulus, in ms.
     dt_ms
-        Time between two samples.
+        Time between two samples, in ms.
     cells
-        Cells of a candidate; by default the model's own number.
+        Cells of a candidate. Default: the number of the model.
     targets
-        What else is observed: an objective each.
+        Further objectives. Default: none.
     """
 
     model: Model
@@ -84,23 +84,28 @@ class FitProblem:
     def __post_init__(self) -> None:
         stress = checked_stress(np.array(self.stress_pa, dtype=np.float64))
         observed = np.array(self.observed_ips, dtype=np.float64)
-        rows = [window_rows(window, self.dt_ms) for window in self.windows_ms]
-        edges = (np.array([each.start for each in rows]), np.array([each.stop for each in rows]))
+        spans = [window_rows(window, self.dt_ms) for window in self.windows_ms]
+        edges = tuple(
+            np.array(ends) for ends in ([s.start for s in spans], [s.stop for s in spans])
+        )
         filtered = self.model.filtered(stress, self.dt_ms, "backward")
         for name, value in (
             ("cells", self.cells or self.model.cells),
             ("stress_pa", stress),
             ("observed_ips", observed),
-            ("_filtered", tuple(each[:-1] for each in filtered)),
+            ("_filtered", tuple(drive[:-1] for drive in filtered)),
             ("_edges", edges),
         ):
             object.__setattr__(self, name, value)
 
     @property
     def free(self) -> tuple[Free, ...]:
-        """Parameters that are searched, the columns of `values`."""
-        own = self.model.free(self.cells)
-        return (*own, *(one for target in self.targets for one in target.free))
+        """Free parameters, the columns of `values`."""
+        model_parameters = self.model.free(self.cells)
+        return (
+            *model_parameters,
+            *(parameter for target in self.targets for parameter in target.free),
+        )
 
     @property
     def group_names(self) -> tuple[str, ...]:
@@ -108,9 +113,9 @@ class FitProblem:
         return tuple(dict.fromkeys(self.groups))
 
     def rates_ips(self, values: FloatArray, single: bool = False) -> FloatArray:
-        """Rates ``(candidate, stimulus)`` of parameters ``(candidate, free)``.
+        """Rates ``(candidate, stimulus)`` in impulses/s of `values` ``(candidate, free)``.
 
-        `single` precision is for searching.
+        `single` precision is for the search.
         """
         spikes = self.counts(values, single).sum(axis=1)
         spans_ms = np.array([end - start for start, end in self.windows_ms])
@@ -120,43 +125,50 @@ class FitProblem:
     def counts(self, values: FloatArray, single: bool = False) -> IntArray:
         """Spikes of each cell in each window, ``(candidate, cell, stimulus)``."""
         values = np.atleast_2d(values)
-        membrane, ways = self._membranes(values)
+        membrane, coefficients = self._membranes(values)
         counts = sum(
-            candidate_counts(self._filtered, way, membrane, window=self._edges, single=single)
-            for way in ways
+            candidate_counts(
+                self._filtered, rises_or_falls, membrane, window=self._edges, single=single
+            )
+            for rises_or_falls in coefficients
         )
         return np.asarray(counts).reshape(len(values), self.cells, -1)
 
     def spikes(
         self, stress_pa: FloatArray, values: FloatArray
     ) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
-        """Spikes under other stress ``(T, stimulus)``: times in ms, candidate, cell, stimulus."""
-        membrane, ways = self._membranes(values)
+        """Spikes under stress ``(T, stimulus)`` in Pa: times in ms, candidate, cell, stimulus."""
+        membrane, coefficients = self._membranes(values)
         filtered = self.model.filtered(stress_pa, self.dt_ms, "backward")
-        columns = [each[:-1, np.newaxis] for each in filtered]
-        current = np.stack([way.current(columns) for way in ways], axis=1)
+        columns = [drive[:-1, np.newaxis] for drive in filtered]
+        current = np.stack(
+            [rises_or_falls.current(columns) for rises_or_falls in coefficients], axis=1
+        )
         rows, membranes = fire(current, membrane)
         _, member, stimulus = np.unravel_index(membranes, current.shape[1:])
         times_ms = np.asarray((rows + 1.0) * self.dt_ms, dtype=np.float64)
         return times_ms, member // self.cells, member % self.cells, stimulus
 
     def _membranes(self, values: FloatArray) -> tuple[Membrane, tuple[Coefficients, ...]]:
-        """Constants and coefficients of all membranes, ``(candidate and cell, 1)`` each."""
-        named = {one.field: values[:, k] for k, one in enumerate(self.free)}
-        spread = named.get("spread", np.zeros(len(values)))
-        need = np.exp(np.multiply.outer(spread, quantiles(self.cells))).reshape(-1, 1)
-        known: dict[str, ArrayLike] = {
-            one.name: one.default
-            for one in fields(self.model.parameters)
-            if isinstance(one.default, int | float)
+        """Constants and coefficients of all membranes, ``(candidate × cell, 1)`` each."""
+        free_by_name = {parameter.field: values[:, k] for k, parameter in enumerate(self.free)}
+        spread = free_by_name.get("spread", np.zeros(len(values)))
+        stress_factor = np.exp(np.multiply.outer(spread, quantiles(self.cells))).reshape(-1, 1)
+        values_by_name: dict[str, ArrayLike] = {
+            parameter.name: parameter.default
+            for parameter in fields(self.model.parameters)
+            if isinstance(parameter.default, int | float)
         }
-        for name, column in named.items():
-            known[name] = np.repeat(column, self.cells)[:, np.newaxis]
-        ways = tuple(way.for_need(need) for way in self.model.ways(known))
-        return self.model.membrane(known, self.dt_ms), ways
+        for name, column in free_by_name.items():
+            values_by_name[name] = np.repeat(column, self.cells)[:, np.newaxis]
+        coefficients = tuple(
+            rises_or_falls.for_need(stress_factor)
+            for rises_or_falls in self.model.ways(values_by_name)
+        )
+        return self.model.membrane(values_by_name, self.dt_ms), coefficients
 
     def part(self, keep: BoolArray) -> "FitProblem":
-        """The problem of some of the stimuli, a flag each, ``(stimulus,)``."""
+        """Problem of the stimuli with a true flag in `keep` ``(stimulus,)``."""
         (rows,) = np.nonzero(keep)
         return replace(
             self,
@@ -171,24 +183,27 @@ class FitProblem:
         return self.group_errors(self.rates_ips(values, single))
 
     def target_errors(self, values: FloatArray, single: bool = False) -> FloatArray:
-        """Objectives beside the rates, ``(candidate, target)``."""
-        found = np.empty((len(values), len(self.targets)))
+        """Objectives other than rates, ``(candidate, target)``."""
+        errors = np.empty((len(values), len(self.targets)))
         for column, target in enumerate(self.targets):
-            found[:, column] = target.errors(self, values, single)
-        return found
+            errors[:, column] = target.errors(self, values, single)
+        return errors
 
     def group_errors(self, rates_ips: FloatArray) -> FloatArray:
-        """As `errors_ips2`, of rates ``(candidate, stimulus)`` that are known."""
+        """`errors_ips2` from rates ``(candidate, stimulus)``."""
         squared = (rates_ips - self.observed_ips) ** 2
         names = np.array(self.groups)
         return np.stack([squared[:, names == name].mean(axis=1) for name in self.group_names], 1)
 
     def parameters(self, values: Sequence[float] | FloatArray) -> AfferentParameters:
-        """Parameters of one candidate, ``(free,)``."""
-        own = self.model.free(self.cells)
-        found = {one.field: float(value) for one, value in zip(own, values, strict=False)}
+        """Afferent parameters of one candidate, `values` ``(free,)``."""
+        free_parameters = self.model.free(self.cells)
+        numbers = {
+            parameter.field: float(value)
+            for parameter, value in zip(free_parameters, values, strict=False)
+        }
         return self.model.parameters(
-            **found, cells=self.cells, drive=self.model.name, dt_ms=self.dt_ms
+            **numbers, cells=self.cells, drive=self.model.name, dt_ms=self.dt_ms
         )
 
 
@@ -197,12 +212,12 @@ class ThresholdTarget:
     """Observed threshold amplitudes of one class.
 
     `stress_pa` ``(T, threshold, amplitude)`` is the stress under vibrations of
-    `amplitudes_um` ``(threshold, amplitude)``, rising, around each of `observed_um`
-    ``(threshold,)``; `needed` spikes in its window reach it. A cell's threshold is the
-    geometric mean of the last amplitude below it and the first that reaches it, the
-    model's the geometric mean over cells. The error is the squared logarithm of model over
-    observed of the threshold that is farthest off: on average a search would rather have
-    many that are closer than none that is far away.
+    `amplitudes_um` ``(threshold, amplitude)``, ascending, around each of `observed_um`
+    ``(threshold,)``. An amplitude reaches the threshold with `needed` spikes in its window.
+    The threshold of a cell is the geometric mean of the last amplitude below it and the
+    first that reaches it; the model's is the geometric mean over cells. The error is the
+    largest squared logarithm of model over observed. With the mean error, a search would
+    accept a few large errors for many smaller ones.
     """
 
     stress_pa: FloatArray
@@ -212,15 +227,15 @@ class ThresholdTarget:
     windows_ms: tuple[tuple[float, float], ...]
     name: str = "thresholds"
     free: tuple[Free, ...] = ()
-    tolerated: float = math.log(3.0) ** 2  # a factor: finer steps in time find more
-    _asked: dict[tuple[str, int], FitProblem] = field(default_factory=dict, repr=False)
+    tolerated: float = math.log(3.0) ** 2  # a factor of 3
+    _rate_problems: dict[tuple[str, int], FitProblem] = field(default_factory=dict, repr=False)
 
     def errors(self, problem: FitProblem, values: FloatArray, single: bool = False) -> FloatArray:
-        """Largest squared logarithms ``(candidate,)``."""
+        """Largest squared logarithm of each candidate, ``(candidate,)``."""
         rows, count, levels = self.stress_pa.shape
         key = problem.model.name, problem.cells
-        if key not in self._asked:
-            self._asked[key] = FitProblem(
+        if key not in self._rate_problems:
+            self._rate_problems[key] = FitProblem(
                 model=problem.model,
                 stress_pa=self.stress_pa.reshape(rows, -1),
                 observed_ips=np.zeros(count * levels),
@@ -229,23 +244,25 @@ class ThresholdTarget:
                 dt_ms=problem.dt_ms,
                 cells=problem.cells,
             )
-        asked = self._asked[key]
-        own = values[:, : len(asked.free)]
-        spikes = asked.counts(own, single).reshape(len(values), problem.cells, count, levels)
+        rate_problem = self._rate_problems[key]
+        model_values = values[:, : len(rate_problem.free)]
+        spikes = rate_problem.counts(model_values, single).reshape(
+            len(values), problem.cells, count, levels
+        )
         below = (np.cumsum(spikes >= self.needed[:, np.newaxis], axis=-1) == 0).sum(axis=-1)
         logs = np.log(self.amplitudes_um)
         step = logs[:, 1:2] - logs[:, :1]
         edges = np.hstack([logs[:, :1] - step / 2, (logs[:, 1:] + logs[:, :-1]) / 2])
         edges = np.hstack([edges, logs[:, -1:] + step / 2])
-        found = edges[np.arange(count), below].mean(axis=1)
-        errors: FloatArray = np.max((found - np.log(self.observed_um)) ** 2, axis=-1)
+        thresholds_log = edges[np.arange(count), below].mean(axis=1)
+        errors: FloatArray = np.max((thresholds_log - np.log(self.observed_um)) ** 2, axis=-1)
         return errors
 
 
-# How far apart two trains are.
+# Distances between two spike trains.
 DISTANCES = ("van_rossum", "victor_purpura")
 
-# Between a receptor of a fingertip and an electrode at the arm.
+# Conduction time between a receptor of a fingertip and an electrode at the arm.
 LATENCY = Free("latency_ms", 0.0, 20.0, "ms", even=True)
 
 
@@ -253,11 +270,11 @@ LATENCY = Free("latency_ms", 0.0, 20.0, "ms", even=True)
 class TimingTarget:
     """Observed spike times of one class.
 
-    `trains_ms` has, for each column of `stress_pa` ``(T, stimulus)``, the trains that
-    were recorded; each is compared with the cell that comes nearest, `latency_ms` later.
-    The error is a distance over the recorded spikes: van Rossum's squared, 1/2 where no
-    spike has a twin within `tau_ms`, or Victor's and Purpura's, 1 there, where moving a
-    spike by `tau_ms` costs 1.
+    `trains_ms` has the recorded trains of each column of `stress_pa` ``(T, stimulus)``.
+    Each train is compared with the nearest cell, whose spikes are delayed by `latency_ms`.
+    The error is the sum of distances per recorded spike: van Rossum's squared (1/2 where
+    no spike has a match within `tau_ms`), or that of Victor and Purpura (1 there), with a
+    cost of 1 to move a spike by `tau_ms`.
     """
 
     stress_pa: FloatArray
@@ -269,18 +286,18 @@ class TimingTarget:
     tolerated: float = math.inf
 
     def errors(self, problem: FitProblem, values: FloatArray, single: bool = False) -> FloatArray:
-        """Distances a recorded spike, ``(candidate,)``."""
-        column = [one.field for one in problem.free].index(LATENCY.field)
-        spikes = sum(times.size for trains in self.trains_ms for times in trains)
+        """Distance per recorded spike, ``(candidate,)``."""
+        column = [parameter.field for parameter in problem.free].index(LATENCY.field)
+        recorded_spikes = sum(times.size for trains in self.trains_ms for times in trains)
         errors = np.empty(len(values))
         for row, candidate in enumerate(values):
-            found = encode_cells(self.stress_pa, problem.dt_ms, problem.parameters(candidate))
+            spikes_ms = encode_cells(self.stress_pa, problem.dt_ms, problem.parameters(candidate))
             errors[row] = sum(
                 min(self._apart(times, cell + candidate[column]) for cell in cells)
-                for cells, trains in zip(found, self.trains_ms, strict=True)
+                for cells, trains in zip(spikes_ms, self.trains_ms, strict=True)
                 for times in trains
             )
-        return errors / max(spikes, 1)
+        return errors / max(recorded_spikes, 1)
 
     def _apart(self, times_ms: FloatArray, others_ms: FloatArray) -> float:
         if self.distance == "victor_purpura":
@@ -292,9 +309,9 @@ class TimingTarget:
 class PhaseTarget:
     """Observed vector strengths of one class under vibrations.
 
-    `stress_pa` is ``(T, stimulus)``, of `frequencies_hz`; `strengths` ``(stimulus, 2)``
-    at the frequency and at twice that, over the spikes of all cells. The error is the
-    mean squared difference; without spikes it is 1.
+    `stress_pa` is ``(T, stimulus)`` under vibrations of `frequencies_hz`; `strengths`
+    ``(stimulus, 2)`` are at the frequency and its double, over the spikes of all cells.
+    The error is the mean squared difference, 1 without spikes.
     """
 
     stress_pa: FloatArray
@@ -302,19 +319,19 @@ class PhaseTarget:
     strengths: FloatArray
     name: str = "timing"
     free: tuple[Free, ...] = ()
-    tolerated: float = 0.15**2  # then nearly all are within 0.25
+    tolerated: float = 0.15**2  # then nearly all differences are within 0.25
 
     def errors(self, problem: FitProblem, values: FloatArray, single: bool = False) -> FloatArray:
-        """Mean squared differences ``(candidate,)``."""
+        """Mean squared difference of each candidate, ``(candidate,)``."""
         times_ms, candidate, _, stimulus = problem.spikes(self.stress_pa, values)
         shape = len(values), self.frequencies_hz.size
-        place = candidate * shape[1] + stimulus
-        count = np.bincount(place, minlength=shape[0] * shape[1]).reshape(shape)
+        cell_index = candidate * shape[1] + stimulus
+        count = np.bincount(cell_index, minlength=shape[0] * shape[1]).reshape(shape)
         squared = np.empty((*shape, 2))
         for order in (1, 2):
             turns = np.exp(2e-3j * np.pi * order * self.frequencies_hz[stimulus] * times_ms)
             sums = [
-                np.bincount(place, part, minlength=count.size).reshape(shape)
+                np.bincount(cell_index, part, minlength=count.size).reshape(shape)
                 for part in (turns.real, turns.imag)
             ]
             strength = np.hypot(*sums) / np.maximum(count, 1)

@@ -23,8 +23,10 @@ from fembridge.errors import ParameterError
 from fembridge.typing import FloatArray
 from neural.filters import (
     CORPUSCLE_POWER,
+    Past,
     acceleration_change,
     corpuscle,
+    corpuscle_reach,
     faded,
     rate_change,
     sa_level,
@@ -59,6 +61,13 @@ _SA_GAP_MV, _RA_GAP_MV = 15.0, 10.0
 
 # Filtered stress of stress, the time between two samples in ms, and a scheme of σ′.
 Filter: TypeAlias = Callable[[FloatArray, float, str], FloatArray]
+# Filters with a memory that has no end.
+RECURSIVE: Mapping[Filter, Callable[[FloatArray, float, str, Past], FloatArray]] = {
+    slow_rate: slow_rate,
+    faded: faded,
+}
+# How many samples around one a filter may see, but for `corpuscle` and recursions.
+_SAMPLES_AROUND = 64
 Values: TypeAlias = Mapping[str, ArrayLike]
 
 
@@ -138,8 +147,8 @@ class Model:
     `clamped` membranes do not fall below rest. With `two_way` a cell has a second membrane
     that integrates falls, and a spike of either is a spike of the cell. What a spike adds to
     the threshold `fades`; with `until_turn` all of it is lost as soon as the current drives the
-    potential below rest. Filters of a `whole` model look back to the beginning of the trace.
-    `any_step` equations have no time step in them: their parameters hold at any.
+    potential below rest. `any_step` equations have no time step in them: their parameters hold
+    at any.
 
     `equation` is kept beside fitted parameters, and those with another one are refused:
     when a constant changes, so does its text. `quantity` is the stress that it reads:
@@ -162,15 +171,33 @@ class Model:
     until_turn: bool = False
     fades: bool = True
     any_step: bool = False
-    whole: bool = False
     tau: Free | None = TAU
     spread: Free = SPREAD
 
     def filtered(
-        self, stress_pa: FloatArray, dt_ms: float, derivative: str
+        self,
+        stress_pa: FloatArray,
+        dt_ms: float,
+        derivative: str,
+        pasts: Sequence[Past] | None = None,
     ) -> tuple[FloatArray, ...]:
-        """Stress after each filter, of the shape of `stress_pa`."""
-        return tuple(each(stress_pa, dt_ms, derivative) for each in self.filters)
+        """Stress after each filter, of the shape of `stress_pa`.
+
+        Of a part of a trace, with samples around it, `pasts` are those of its filters.
+        """
+        if pasts is None:
+            return tuple(each(stress_pa, dt_ms, derivative) for each in self.filters)
+        return tuple(
+            RECURSIVE[each](stress_pa, dt_ms, derivative, past)
+            if each in RECURSIVE
+            else each(stress_pa, dt_ms, derivative)
+            for each, past in zip(self.filters, pasts, strict=True)
+        )
+
+    def samples_around(self, dt_ms: float) -> int:
+        """How many samples before and after one count for its filters there, recursions aside."""
+        longest = corpuscle_reach(dt_ms) if corpuscle in self.filters else 0
+        return max(_SAMPLES_AROUND, longest)
 
     def ways(self, values: Values) -> tuple[Coefficients, ...]:
         """Coefficients of each membrane of a cell: a two-way one has a second, of falls."""
@@ -179,7 +206,7 @@ class Model:
 
     def membrane(self, values: Values, dt_ms: float) -> Membrane:
         """Constants of the membranes of `values`, parameters by name, at a time step."""
-        return Membrane.of(
+        return Membrane.from_times(
             dt_ms,
             tau_ms=values["tau_ms"],
             gap_mv=np.subtract(values["threshold_mv"], values["rest_mv"]),
@@ -316,7 +343,6 @@ _ROWS = (
         "drives it less",
         clamped=True,
         cells=MORE_CELLS,
-        whole=True,
         any_step=True,
     ),
     Model(
@@ -358,7 +384,6 @@ _ROWS = (
         clamped=True,
         until_turn=True,
         cells=MORE_CELLS,
-        whole=True,
         any_step=True,
     ),
 )

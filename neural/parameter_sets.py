@@ -1,4 +1,4 @@
-"""Parameter sets: the two that are shipped, and a user's own as a TOML file.
+"""Parameter sets: the shipped ones, and TOML files of a user.
 
 ::
 
@@ -9,18 +9,17 @@
     tau_ms = 300.0
     step_pa = 7000.0
 
-``base`` names the set that a file starts from. What such a file leaves out, a section, a
-key of one, `preindent_um`, is as there. A section with another ``drive``, a name of
-`neural.models`, than its base takes all of that model's keys. A file without a ``base``
-has every class and every key, but for those that the paper has for all: one that was cut
-is refused. `preindent_um` is the depth of the probe before time 0 when the numbers were
-fitted. ``name``, and tables ``fit`` and ``study``, describe the origin: they are kept, and
-of the fit only the finger and the equations are read: numbers that were fitted with another
-equation than this version's are refused. So is all else.
+``base`` names a shipped set. A missing section, a missing key of a section and a missing
+`preindent_um` come from the base. A section with another ``drive`` (a name of `neural.models`)
+than the base needs all keys of that model. A file without a ``base`` needs every class and
+every key without a default, so that a cut file is refused. `preindent_um` is the depth of
+the probe in um before time 0 in the fit. ``name`` and the tables ``fit`` and ``study``
+describe the origin and are kept; of ``fit`` only the finger and the equations are read.
+Numbers fitted with another equation than this version's, and unknown keys, are refused.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field, fields
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
@@ -32,10 +31,11 @@ from neural.models import model_named, model_of
 from neural.parameters import AFFERENTS, PUBLISHED, AfferentParameters, Parameters
 
 FITTED_FILE = Path(__file__).parent / "fitted.toml"
-# The same data and rule as `FITTED_FILE`, on the stress of the three-dimensional pad.
+# Fitted to the same data with the same rule as `FITTED_FILE`, on the stress of the
+# three-dimensional pad.
 PAD_FILE = Path(__file__).parent / "fitted_pad.toml"
 
-# Fitted and held out it is better than the published model on every class:
+# Better than the published model on every class, on fitted and on held-out rates:
 # ``docs/model_study.md``.
 DEFAULT_SET = "fitted"
 
@@ -46,15 +46,16 @@ _LONGEST_NAME = 255  # as that of a file
 
 _ORIGIN_KEYS = ("name", "fit", "study")
 _NO_SECTIONS = {"base", "preindent_um", *_ORIGIN_KEYS}
+_BASE_HINT = '; a file of some classes or keys begins with base = "fitted" or "published"'
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterSet:
-    """Parameters of all classes, and what they hold for.
+    """Parameters of all classes, with the finger and pre-indentation of their fit.
 
-    `preindent_um`, >= 0, is the depth of the probe before time 0 in the fit, `finger` on
-    whose stress that was: ``name``, and ``sha256`` of what is no preset; empty of Table 2.
-    `origin` says how the numbers came about.
+    `preindent_um`, >= 0, is the depth of the probe in um before time 0 in the fit. `finger`
+    is the finger of the fit: ``name``, and ``sha256`` unless it is a preset; empty for
+    Table 2. `origin` describes how the numbers were obtained.
     """
 
     name: str
@@ -64,9 +65,9 @@ class ParameterSet:
     finger: Mapping[str, str] = field(default_factory=dict)
 
     def to_table(self) -> Table:
-        """As a run keeps it: a shipped set by its name, another one whole.
+        """Table for the record of a run: a shipped set by its name, others complete.
 
-        Of its fit the finger and the equations are kept, which a later version may not have.
+        The finger and the equations of the fit are included, for checks by later versions.
         """
         if self.name in SET_NAMES and parameter_set(self.name) is self:
             return {"name": self.name}
@@ -81,36 +82,37 @@ class ParameterSet:
 
     @classmethod
     def from_table(cls, table: Table, name: str, source: str) -> "ParameterSet":
-        """The set of a table as a file has it, or `to_table` gives it.
+        """Parameter set from the table of a file or of `to_table`.
 
-        `name` is for one without; the message of a `ParameterError` begins with `source`.
+        `name` is used where the table has none; `source` begins the message of a
+        `ParameterError`.
         """
         if set(table) == {"name"}:
             if table["name"] not in SET_NAMES:
-                words = f"no parameter set {table['name']!r}, expected {' or '.join(SET_NAMES)}"
-                raise ParameterError(f"{source}: {words}")
+                message = f"no parameter set {table['name']!r}, expected {' or '.join(SET_NAMES)}"
+                raise ParameterError(f"{source}: {message}")
             return _shipped(table["name"])
         try:
             base = table.get("base")
             if base is not None and base not in SET_NAMES:
                 raise ParameterError(f"base is {base!r}, expected {' or '.join(SET_NAMES)}")
-            start = parameter_set(base or SET_NAMES[0])
-            head = {"name": name, "preindent_um": start.preindent_um}
+            base_set = parameter_set(base or SET_NAMES[0])
+            head = {"name": name, "preindent_um": base_set.preindent_um}
             head |= {key: table[key] for key in head if key in table}
-            known = structure(head, _Head, ParameterError)
-            sections = {key: one for key, one in table.items() if key not in _NO_SECTIONS}
-            parameters = _parameters_of(sections, None if base is None else start.parameters)
+            checked_head = structure(head, _Head, ParameterError)
+            sections = {key: section for key, section in table.items() if key not in _NO_SECTIONS}
+            parameters = _parameters_of(sections, None if base is None else base_set.parameters)
             fit = _part(table, "fit")
             for afferent in sections:
                 _check_equation(_part(fit, afferent), parameters[afferent])
         except ParameterError as error:
             raise ParameterError(f"{source}: {error}") from error
-        finger, response = start.finger, _part(fit, "response")
+        finger, response = base_set.finger, _part(fit, "response")
         if "finger" in response:
-            there = {"name": response["finger"], "sha256": response.get("finger_sha256")}
-            finger = {key: str(value) for key, value in there.items() if value is not None}
+            identity = {"name": response["finger"], "sha256": response.get("finger_sha256")}
+            finger = {key: str(value) for key, value in identity.items() if value is not None}
         origin = {key: table[key] for key in _ORIGIN_KEYS if key in table}
-        return cls(known.name, parameters, known.preindent_um, origin, finger)
+        return cls(checked_head.name, parameters, checked_head.preindent_um, origin, finger)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,28 +132,28 @@ class _Head:
             )
 
 
-def parameter_set(wanted: str | Path | ParameterSet) -> ParameterSet:
-    """A set by its name or of its file, or a set as it is.
+def parameter_set(source: str | Path | ParameterSet) -> ParameterSet:
+    """Parameter set of a name or a file; a `ParameterSet` is returned unchanged.
 
-    ``published`` is Table 2, ``fitted`` the default, ``fitted_pad`` for `fb.touch`. A path
-    is a file's, and so is a word that is none of these.
+    Names are ``published`` (Table 2), ``fitted`` (the default) and ``fitted_pad`` (for
+    `fb.touch`). Any other string, and a path, is a TOML file.
 
     Raises
     ------
     UsageError
-        A word that is neither a set's nor a file's.
+        Neither the name of a set nor a file.
     ParameterError
-        No such file, not TOML, an unknown section or key, or a value outside its meaning.
+        The file is missing or not TOML; an unknown section or key, or a value out of range.
     """
-    if isinstance(wanted, ParameterSet):
-        return wanted
-    if wanted in SET_NAMES:
-        return _shipped(str(wanted))
-    path = Path(wanted)
-    if isinstance(wanted, Path) or (wanted and (path.suffix or path.exists())):
+    if isinstance(source, ParameterSet):
+        return source
+    if source in SET_NAMES:
+        return _shipped(str(source))
+    path = Path(source)
+    if isinstance(source, Path) or (source and (path.suffix or path.exists())):
         return ParameterSet.from_table(read_toml(path, ParameterError), path.stem, str(path))
-    known = " or ".join(SET_NAMES)
-    raise UsageError(f"no parameter set {wanted!r}, expected {known} or a TOML file")
+    names = " or ".join(SET_NAMES)
+    raise UsageError(f"no parameter set {source!r}, expected {names} or a TOML file")
 
 
 @cache
@@ -162,31 +164,33 @@ def _shipped(name: str) -> ParameterSet:
 
 
 def _parameters_of(sections: Table, base: Parameters | None) -> Parameters:
-    """Parameters of all classes: of the `sections`, and what these leave out as in `base`."""
-    chosen = dict(base or PUBLISHED)
+    """Parameters of all classes from the `sections`; missing ones come from `base`."""
+    parameters = dict(base or PUBLISHED)
     for afferent, section in sections.items():
         if afferent not in PUBLISHED:
             hint = near_hint(afferent, AFFERENTS)
             expected = ", ".join(AFFERENTS)
             raise ParameterError(f"unknown section {afferent!r}, expected {expected}{hint}")
-        based = chosen[afferent]
+        previous = parameters[afferent]
+        drive = section.get("drive") if isinstance(section, dict) else None
+        hint = ""
         try:
-            drive = section.get("drive", based.drive) if isinstance(section, dict) else based.drive
-            kind = model_named(str(drive), afferent).parameters
-            if base and kind is type(based):
-                chosen[afferent] = changed(based, section, ParameterError)
+            kind = model_named(str(drive or previous.drive), afferent).parameters
+            if base and kind is type(previous):
+                parameters[afferent] = changed(previous, section, ParameterError)
             else:
-                chosen[afferent] = structure(section, kind, ParameterError if base else _incomplete)
+                hint = _BASE_HINT if not base and _lacks_keys(section, kind) else ""
+                parameters[afferent] = structure(section, kind, ParameterError)
         except ParameterError as error:
-            place = f"{afferent}: "
-            raise ParameterError(f"{place}{str(error).removeprefix(place)}") from error
-    if not base and (absent := [f"section {one}" for one in AFFERENTS if one not in sections]):
-        raise _incomplete(f"{' and '.join(absent)}: absent")
-    return MappingProxyType(chosen)
+            prefix = f"{afferent}: "
+            raise ParameterError(f"{prefix}{str(error).removeprefix(prefix)}{hint}") from error
+    if not base and (absent := [f"section {name}" for name in AFFERENTS if name not in sections]):
+        raise ParameterError(f"{' and '.join(absent)}: absent{_BASE_HINT}")
+    return MappingProxyType(parameters)
 
 
 def _check_equation(row: Table, parameters: AfferentParameters) -> None:
-    """Refuse parameters whose fit, of `row`, was with another equation than their model now has."""
+    """Raise ParameterError where `row`, a class of ``fit``, has another equation than the model."""
     model = model_of(parameters)
     if row.get("drive", model.name) != model.name:
         return
@@ -198,18 +202,20 @@ def _check_equation(row: Table, parameters: AfferentParameters) -> None:
 
 
 def _part(table: object, key: str) -> Table:
-    """The table under `key`; an empty one where there is none."""
+    """Table under `key`; empty where there is none."""
     part = table.get(key) if isinstance(table, Mapping) else None
     return dict(part) if isinstance(part, Mapping) else {}
 
 
-def _incomplete(problem: str) -> ParameterError:
-    """What is wrong with a file without a base, which perhaps lacks one."""
-    if problem.endswith(": absent"):
-        problem += '; a file of some classes or keys begins with base = "fitted" or "published"'
-    return ParameterError(problem)
+def _lacks_keys(section: object, kind: type[AfferentParameters]) -> bool:
+    """Whether a section with known keys alone lacks one without a default."""
+    if not isinstance(section, Mapping):
+        return False
+    keys = {key.name for key in fields(kind)}
+    required = {key.name for key in fields(kind) if key.default is MISSING}
+    return section.keys() <= keys and not required <= section.keys()
 
 
 def parameters_to_table(parameters: Parameters) -> Table:
-    """A table for TOML: a section for each class, every key."""
-    return {name: one.by_name() for name, one in parameters.items()}
+    """Table for TOML: one section per class, with every key."""
+    return {name: values.by_name() for name, values in parameters.items()}

@@ -1,7 +1,7 @@
-"""Firing rates: how many spikes are in a window of time.
+"""Firing rates: spikes per time window.
 
-A window is ``(start, end)`` in ms, start excluded and end included, so that windows
-side by side share no spike.
+A window is ``(start, end)`` in ms, start excluded and end included, so that adjacent
+windows share no spike.
 """
 
 import math
@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError
 
-# Times are sums of steps; a spike this close to an edge is on it.
+# Times are sums of steps; a spike within this distance in ms of an edge is on the edge.
 EDGE_MS = 1.0e-6
 
 
 def spikes_inside(spike_times_ms: ArrayLike, window_ms: tuple[float, float]) -> int:
-    """Number of spikes after the window's start, up to and with its end."""
+    """Number of spikes after the start of the window, up to and including its end."""
     start, end = window_ms
     times_ms = np.asarray(spike_times_ms, dtype=np.float64)
     inside = (times_ms > start + EDGE_MS) & (times_ms <= end + EDGE_MS)
@@ -25,12 +25,12 @@ def spikes_inside(spike_times_ms: ArrayLike, window_ms: tuple[float, float]) -> 
 
 
 def rate_ips(spike_times_ms: ArrayLike, window_ms: tuple[float, float]) -> float:
-    """Firing rate in a window, in impulses a second."""
+    """Firing rate in a window, in impulses/s."""
     return mean_rate_ips([spike_times_ms], window_ms)
 
 
 def mean_rate_ips(cells_ms: Sequence[ArrayLike], window_ms: tuple[float, float]) -> float:
-    """Mean rate of the cells of a population, spike times of each in ms."""
+    """Mean rate in impulses/s of cells, from the spike times of each cell in ms."""
     start, end = window_ms
     if not start < end:
         raise ParameterError(f"window from {start} to {end} ms, expected start < end")

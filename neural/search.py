@@ -1,9 +1,9 @@
-"""The search of a fit: NSGA-II over a model's free parameters (section 3.2), by pymoo.
+"""Search of a fit: NSGA-II over a model's free parameters (section 3.2), by pymoo.
 
-One candidate of the Pareto front is taken by a rule that can be switched. The paper
-says only: "a combination with the smaller difference in the observed value and the
-closest approximation of the frequency response was selected" (section 3.2). How well a
-model does on what it was not fitted to is found by leaving out one group at a time.
+A rule selects one candidate of the Pareto front. The paper states only: "a combination
+with the smaller difference in the observed value and the closest approximation of the
+frequency response was selected" (section 3.2). Leaving out one group of stimuli at a time
+tests a model on stimuli that it was not fitted to.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,26 +25,26 @@ if TYPE_CHECKING:
 # Section 3.2: "10,000 function evaluations".
 EVALUATIONS = 10_000
 
-# Candidates of a generation: what NumPy and pymoo cost a call is shared by so many.
+# Candidates per generation, among which the cost of a NumPy or pymoo call is divided.
 POPULATION = 200
 
 
-# The second rule looks among candidates whose total error is at most this much above
-# the smallest: "the smaller difference in the observed value" comes first.
+# Rules other than the total error select among candidates whose total error is at most this
+# share above the smallest: "the smaller difference in the observed value" comes first.
 NEAR_SHARE = 0.10
 
-# And the third rule, where timing or thresholds are worth some of the rates.
+# The same for the rule `balanced`, which gives timing and thresholds more weight.
 BALANCED_SHARE = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Front:
-    """Candidates of which none is better than another in every objective.
+    """Pareto front: no candidate is better than another in every objective.
 
     `candidates` ``(candidate, free)`` in the units of `free`; `errors_ips2`
-    ``(candidate, group)``; `target_errors` ``(candidate, target)`` of what is fitted
-    beside rates; sorted by the total error of the rates, smallest first. `finished` is
-    False where the search was stopped before its last evaluation.
+    ``(candidate, group)``; `target_errors` ``(candidate, target)`` of the other targets;
+    sorted by the total error of the rates, smallest first. `finished` is False where the
+    search was stopped before its last evaluation.
     """
 
     free: tuple[Free, ...]
@@ -59,10 +59,10 @@ class Front:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Where a search stands: for a bar."""
+    """Progress of a search."""
 
     evaluations: int
-    of: int
+    total_evaluations: int
     front_size: int
     least_rmse_ips: float
 
@@ -75,19 +75,31 @@ def search_front(
     population: int = POPULATION,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Front:
-    """Search the Pareto front of `problem`; the same seed gives the same front.
+    """Pareto front of `problem`; the same seed gives the same front.
 
-    Whole generations are tried, so that the last may go beyond `evaluations`. Each
-    is evaluated in one call, in single precision; the errors that are given are of
-    full precision. An interrupt from the keyboard ends the
-    search at the last whole generation: what was found is given, not `finished`.
+    Only complete generations are evaluated, so that the last may exceed `evaluations`. Each
+    is evaluated in one call in single precision; the returned errors are in full precision.
+    After Ctrl-C the front of the last complete generation is returned, not `finished`.
+
+    Parameters
+    ----------
+    problem
+        Objectives and free parameters.
+    evaluations
+        Number of candidates evaluated. Default: 10 000.
+    seed
+        Seed of the search. Default: 1.
+    population
+        Candidates per generation. Default: 200.
+    on_progress
+        Called after each generation. Default: None.
 
     Raises
     ------
     ParameterError
         Fewer evaluations than candidates of a generation.
     KeyboardInterrupt
-        Before the first generation was whole.
+        Before the first generation was complete.
     """
     if population < 4 or evaluations < population:
         raise ParameterError(
@@ -98,16 +110,18 @@ def search_front(
 
     algorithm = NSGA2(pop_size=population)
     algorithm.setup(_as_pymoo(problem), termination=("n_eval", evaluations), seed=seed)
-    whole = -(-evaluations // population) * population
+    total_evaluations = -(-evaluations // population) * population
     finished = True
     try:
         while algorithm.has_next():
             algorithm.next()
             if on_progress:
                 front = _front(problem, algorithm, seed)
-                least = float(total_rmse_ips(problem, front.errors_ips2).min())
-                size = len(front.candidates)
-                on_progress(Progress(front.evaluations, whole, size, least))
+                least_rmse_ips = float(total_rmse_ips(problem, front.errors_ips2).min())
+                front_size = len(front.candidates)
+                on_progress(
+                    Progress(front.evaluations, total_evaluations, front_size, least_rmse_ips)
+                )
     except KeyboardInterrupt:
         if algorithm.opt is None:
             raise
@@ -116,7 +130,7 @@ def search_front(
 
 
 def total_rmse_ips(problem: FitProblem, errors_ips2: FloatArray) -> FloatArray:
-    """RMSE over all stimuli ``(candidate,)``, from the errors of the groups."""
+    """RMSE over all stimuli in impulses/s, ``(candidate,)``, from the errors of the groups."""
     sizes = np.array([problem.groups.count(name) for name in problem.group_names])
     rmse: FloatArray = np.sqrt(errors_ips2 @ sizes / sizes.sum())
     return rmse
@@ -125,14 +139,14 @@ def total_rmse_ips(problem: FitProblem, errors_ips2: FloatArray) -> FloatArray:
 def _front(problem: FitProblem, algorithm: Any, seed: int) -> Front:  # noqa: ANN401
     best = algorithm.opt
     values = from_unit(np.atleast_2d(best.get("X")), problem.free)
-    found = np.atleast_2d(best.get("F"))
-    errors = problem.errors_ips2(values, single=True) if problem.targets else found
+    objectives = np.atleast_2d(best.get("F"))
+    errors = problem.errors_ips2(values, single=True) if problem.targets else objectives
     return Front(
         free=problem.free,
         groups=problem.group_names,
         candidates=values,
         errors_ips2=errors,
-        target_errors=found[:, 1:] if problem.targets else np.empty((len(values), 0)),
+        target_errors=objectives[:, 1:] if problem.targets else np.empty((len(values), 0)),
         evaluations=int(algorithm.evaluator.n_eval),
         seed=seed,
         finished=False,
@@ -140,30 +154,30 @@ def _front(problem: FitProblem, algorithm: Any, seed: int) -> Front:  # noqa: AN
 
 
 def _sorted(problem: FitProblem, front: Front, finished: bool) -> Front:
-    """Order a front by total error, each candidate once, errors in full precision.
+    """Front sorted by total error, without duplicates, errors in full precision.
 
-    In full precision one candidate may turn out worse than another: it is left out.
+    Candidates that are dominated in full precision are left out.
     """
     values = np.unique(front.candidates, axis=0)
-    errors, others = problem.errors_ips2(values), problem.target_errors(values)
-    objectives = _objectives(problem, errors, others)
-    apart = objectives[:, np.newaxis] - objectives
-    worse = np.all(apart >= 0, axis=2) & np.any(apart > 0, axis=2)
-    kept = np.flatnonzero(~worse.any(axis=1))
-    order = kept[np.argsort(total_rmse_ips(problem, errors[kept]), kind="stable")]
+    errors, target_errors = problem.errors_ips2(values), problem.target_errors(values)
+    objectives = _objectives(problem, errors, target_errors)
+    differences = objectives[:, np.newaxis] - objectives
+    is_dominated = np.all(differences >= 0, axis=2) & np.any(differences > 0, axis=2)
+    non_dominated = np.flatnonzero(~is_dominated.any(axis=1))
+    order = non_dominated[np.argsort(total_rmse_ips(problem, errors[non_dominated]), kind="stable")]
     return replace(
         front,
         candidates=values[order],
         errors_ips2=errors[order],
-        target_errors=others[order],
+        target_errors=target_errors[order],
         finished=finished,
     )
 
 
 def _objectives(problem: FitProblem, errors: FloatArray, others: FloatArray) -> FloatArray:
-    """Errors of the groups; with targets that of all rates is one objective beside theirs.
+    """Errors of the groups; with targets, the total error of the rates and those of the targets.
 
-    With six objectives nearly no candidate is worse than another, and a search goes nowhere.
+    With six objectives almost no candidate dominates another, and the search stops improving.
     """
     if not problem.targets:
         return errors
@@ -173,10 +187,10 @@ def _objectives(problem: FitProblem, errors: FloatArray, others: FloatArray) -> 
 def from_unit(unit: FloatArray, free: tuple[Free, ...]) -> FloatArray:
     """Scale ``(candidate, free)`` from 0 to 1 into the units of the parameters."""
     columns = [
-        one.low + (one.high - one.low) * unit[:, k]
-        if one.even
-        else one.low * (one.high / one.low) ** unit[:, k]
-        for k, one in enumerate(free)
+        parameter.low + (parameter.high - parameter.low) * unit[:, k]
+        if parameter.even
+        else parameter.low * (parameter.high / parameter.low) ** unit[:, k]
+        for k, parameter in enumerate(free)
     ]
     return np.stack(columns, axis=1)
 
@@ -204,7 +218,7 @@ def _as_pymoo(problem: FitProblem) -> "Problem":
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Row of the front that a rule took, and why, in a sentence."""
+    """Row of the front that a rule selected, with the reason as a sentence."""
 
     row: int
     why: str
@@ -212,24 +226,24 @@ class Choice:
 
 
 def choose(problem: FitProblem, front: Front, rule: str = "smallest_error") -> Choice:
-    """One candidate of `front` by the rule of that name, one of `RULES`.
+    """Candidate of `front` that the rule `rule` of `RULES` selects (default: smallest_error).
 
     Raises
     ------
     ParameterError
-        No such rule.
+        Unknown rule.
     """
     if rule not in RULES:
         raise ParameterError(f"rule {rule!r}, expected one of {', '.join(RULES)}")
-    return Choice(*_TAKEN_BY[rule](problem, front), rule)
+    return Choice(*_RULE_FUNCTIONS[rule](problem, front), rule)
 
 
-def _smallest_error(
+def _choose_smallest_error(
     problem: FitProblem, front: Front, share: float = NEAR_SHARE
 ) -> tuple[int, str]:
-    """With targets, of candidates with near the smallest RMSE that with the smallest other errors.
+    """Row with the smallest RMSE; with targets, see `RULES`.
 
-    Errors of different kinds have no common unit: their product has no weights.
+    Errors of different targets have no common unit; their product needs no weights.
     """
     totals = total_rmse_ips(problem, front.errors_ips2)
     if not problem.targets:
@@ -251,14 +265,14 @@ def _smallest_error(
     )
 
 
-_balanced = partial(_smallest_error, share=BALANCED_SHARE)
+_choose_balanced = partial(_choose_smallest_error, share=BALANCED_SHARE)
 
 
-def _tolerant(problem: FitProblem, front: Front) -> tuple[int, str]:
+def _choose_tolerant(problem: FitProblem, front: Front) -> tuple[int, str]:
     limits = np.array([target.tolerated for target in problem.targets])
     passing = np.flatnonzero(np.all(front.target_errors <= limits, axis=1))
     if not problem.targets or not passing.size:
-        return _balanced(problem, front)
+        return _choose_balanced(problem, front)
     totals = total_rmse_ips(problem, front.errors_ips2[passing])
     row = int(passing[np.argmin(totals)])
     names = " and ".join(target.name for target in problem.targets)
@@ -268,14 +282,14 @@ def _tolerant(problem: FitProblem, front: Front) -> tuple[int, str]:
     )
 
 
-def _frequency_response(problem: FitProblem, front: Front) -> tuple[int, str]:
+def _choose_frequency_response(problem: FitProblem, front: Front) -> tuple[int, str]:
     totals = total_rmse_ips(problem, front.errors_ips2)
     near = np.flatnonzero(totals <= (1.0 + NEAR_SHARE) * totals.min())
-    away_ips = frequency_response_error_ips(problem, front.candidates[near])
-    best = int(np.argmin(away_ips))
+    difference_ips = frequency_response_error_ips(problem, front.candidates[near])
+    best = int(np.argmin(difference_ips))
     return int(near[best]), (
         f"mean rates of the {len(problem.group_names)} groups closest to the observed "
-        f"ones, {away_ips[best]:.3g} ips RMS, of the {near.size} candidates within "
+        f"ones, {difference_ips[best]:.3g} ips RMS, of the {near.size} candidates within "
         f"{NEAR_SHARE:.0%} of the smallest total RMSE, {totals.min():.3g} ips"
     )
 
@@ -284,32 +298,32 @@ def frequency_response_error_ips(problem: FitProblem, values: FloatArray) -> Flo
     """RMS over groups of mean predicted minus mean observed rate, ``(candidate,)``."""
     rates_ips = problem.rates_ips(values)
     names = np.array(problem.groups)
-    away = [
+    differences = [
         rates_ips[:, names == name].mean(axis=1) - problem.observed_ips[names == name].mean()
         for name in problem.group_names
     ]
-    error: FloatArray = np.sqrt(np.mean(np.square(away), axis=0))
+    error: FloatArray = np.sqrt(np.mean(np.square(differences), axis=0))
     return error
 
 
 RULES: Mapping[str, str] = MappingProxyType(
     {
-        "smallest_error": "the smallest RMSE over all stimuli together; with thresholds or spikes, "
-        "of candidates within a tenth of it the one with the smallest of those errors",
-        "balanced": "the same with thresholds or spikes, of candidates within a quarter of it",
-        "tolerant": "the smallest RMSE of those with no threshold off by more than 3 times and "
-        "vector strengths off by 0.15 at most (RMS); where there is none, as balanced",
-        "frequency_response": "of candidates within a tenth of the smallest RMSE, the one whose "
-        "mean rate at each frequency is closest to the observed",
+        "smallest_error": "smallest RMSE over all stimuli; with thresholds or spikes: smallest "
+        "product of those errors among candidates within a tenth of the smallest RMSE",
+        "balanced": "as smallest_error, among candidates within a quarter of the smallest RMSE",
+        "tolerant": "smallest RMSE of the candidates with every threshold within a factor of 3 "
+        "and vector strengths within 0.15 (RMS); without such candidates as balanced",
+        "frequency_response": "mean rate at each frequency closest to the observed, among "
+        "candidates within a tenth of the smallest RMSE",
     }
 )
-"""Rules that take a candidate, in words."""
+"""Description of each rule that selects a candidate."""
 
-_TAKEN_BY: Mapping[str, Callable[[FitProblem, Front], tuple[int, str]]] = {
-    "smallest_error": _smallest_error,
-    "balanced": _balanced,
-    "tolerant": _tolerant,
-    "frequency_response": _frequency_response,
+_RULE_FUNCTIONS: Mapping[str, Callable[[FitProblem, Front], tuple[int, str]]] = {
+    "smallest_error": _choose_smallest_error,
+    "balanced": _choose_balanced,
+    "tolerant": _choose_tolerant,
+    "frequency_response": _choose_frequency_response,
 }
 
 
@@ -319,28 +333,28 @@ def held_out_ips(
     on_progress: Callable[[str, Progress], None] | None = None,
     **search: int,
 ) -> FloatArray:
-    """Rate of each stimulus ``(stimulus,)`` by a fit that saw no stimulus of its group.
+    """Rate of each stimulus ``(stimulus,)`` by a fit without the stimuli of its group.
 
-    `search` are options of `search_front`; `on_progress` is called with the words for it.
+    `search` are options of `search_front`; `on_progress` is called with a label and progress.
 
     Raises
     ------
     ParameterError
-        A single group: nothing would be left to fit on.
+        A single group, without which no stimulus remains.
     KeyboardInterrupt
         A search was interrupted.
     """
     names = problem.group_names
     if len(names) < 2:
         raise ParameterError(f"only the group {names[0]}, expected two or more to leave one out")
-    found = np.empty_like(problem.observed_ips)
+    rates_ips = np.empty_like(problem.observed_ips)
     for name in names:
-        inside = np.array([group == name for group in problem.groups])
-        part, words = problem.part(~inside), f"{problem.model.afferent} without {name}"
-        progress = partial(on_progress, words) if on_progress else None
+        in_group = np.array([group == name for group in problem.groups])
+        part, label = problem.part(~in_group), f"{problem.model.afferent} without {name}"
+        progress = partial(on_progress, label) if on_progress else None
         front = search_front(part, on_progress=progress, **search)
         if not front.finished:
             raise KeyboardInterrupt
         values = front.candidates[choose(part, front, rule).row]
-        found[inside] = problem.part(inside).rates_ips(values)[0]
-    return found
+        rates_ips[in_group] = problem.part(in_group).rates_ips(values)[0]
+    return rates_ips

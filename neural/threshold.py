@@ -1,8 +1,8 @@
-"""How weak a vibration an afferent still answers, and where it fires once a cycle.
+"""Threshold amplitude of an afferent, and amplitudes at which it fires once per cycle.
 
-A curve is the rates of one afferent at the amplitudes of one frequency, ``(N,)`` each and
-in any order, every amplitude > 0 and once. Between two amplitudes it is a straight line over
-the logarithm of the amplitude, since the paper's amplitudes are spaced evenly there
+A curve is the rates of one afferent at the amplitudes of one frequency, ``(N,)`` each, in
+any order, with amplitudes > 0 and without duplicates. Between two amplitudes it is linear in
+the logarithm of the amplitude, in which the paper's amplitudes are evenly spaced
 (Appendix A).
 """
 
@@ -15,17 +15,17 @@ from numpy.typing import ArrayLike
 from fembridge.typing import BoolArray, FloatArray
 from neural.agreement import EQUAL_IPS
 
-# Section 3.2: 245 ms at 20 Hz, 100 ms else. One impulse in the longest of the paper's
-# windows; in a shorter one a single impulse is above it.
+# One impulse in the longest window of the paper (section 3.2: 245 ms at 20 Hz, 100 ms
+# otherwise); in a shorter window a single impulse exceeds the criterion.
 CRITERION_IPS = 1000.0 / 245.0
 
-# Impulses a cycle that pass for one to one.
+# Impulses per cycle that count as one to one.
 PLATEAU = (0.9, 1.1)
 
 
 @dataclass(frozen=True, slots=True)
 class Plateau:
-    """Amplitudes at which an afferent fires about once a cycle."""
+    """Range of amplitudes in um at which an afferent fires about once per cycle."""
 
     low_um: float
     high_um: float
@@ -41,18 +41,16 @@ def threshold_amplitude_um(
 ) -> float:
     """Lowest amplitude at which the rate reaches a criterion, by default one impulse in 245 ms.
 
-    With the frequency as criterion it is where an afferent fires once a cycle, also called
-    the tuning threshold. Rates should then come from windows of whole cycles: in 245 ms of
-    20 Hz, 4.9 cycles, a locked afferent fires 4 or 5 times, 0.82 or 1.02 impulses a cycle.
+    With the frequency as criterion, the result is the amplitude of one impulse per cycle,
+    also called the tuning threshold. Windows should then be whole cycles: in 245 ms of
+    20 Hz (4.9 cycles) a locked afferent fires 4 or 5 times, 0.82 or 1.02 impulses per cycle.
 
     Returns
     -------
     float
-        Amplitude in µm. A rate equal to the criterion has reached it, so an
-        amplitude with that rate is given exactly. Where the curve falls again later,
-        its first rise counts. Where the lowest amplitude already reaches the
-        criterion, that amplitude: the threshold is there or below. Infinity where
-        none does: it is above them all.
+        Amplitude in µm. A rate equal to the criterion reaches it. Where the curve falls
+        again later, its first rise counts. The lowest amplitude where that already reaches
+        the criterion (the threshold is there or below); infinity where no amplitude does.
 
     Examples
     --------
@@ -60,7 +58,7 @@ def threshold_amplitude_um(
     >>> round(threshold_amplitude_um([10, 1000], [0, 50], criterion_ips=25), 9)
     100.0
     """
-    amplitude, rate = _rising(amplitude_um, rate_ips)
+    amplitude, rate = _sort_by_amplitude(amplitude_um, rate_ips)
     reached = np.flatnonzero(rate >= criterion_ips - EQUAL_IPS)
     if not reached.size:
         return math.inf
@@ -74,17 +72,16 @@ def entrainment_plateau(
     frequency_hz: float,
     impulses_per_cycle: tuple[float, float] = PLATEAU,
 ) -> Plateau | None:
-    """Range of amplitudes in which an afferent fires about once a cycle.
+    """Range of amplitudes in which an afferent fires about once per cycle.
 
-    Both `impulses_per_cycle`, the least and the most that pass for one to one, belong to it.
+    `impulses_per_cycle` (default: 0.9 to 1.1) is the range that counts, ends included.
 
     Returns
     -------
     Plateau or None
-        None where no amplitude of the curve is in the range: a curve that leaps
-        across it was not locked there. Edges are where the curve crosses the range;
-        an edge on the lowest or highest amplitude is as far as was tried, the plateau
-        may go on. Of several, the one with the largest ratio of its edges.
+        None where no amplitude of the curve is in the range. The edges are interpolated;
+        an edge at the lowest or highest amplitude is only a bound. Of several plateaus
+        the one with the largest ratio of its edges.
 
     Examples
     --------
@@ -93,7 +90,7 @@ def entrainment_plateau(
     >>> round(plateau.low_um, 3), round(plateau.high_um, 3), round(plateau.decades, 9)
     (7.943, 125.893, 1.2)
     """
-    amplitude, rate = _rising(amplitude_um, rate_ips)
+    amplitude, rate = _sort_by_amplitude(amplitude_um, rate_ips)
     least, most = (edge * frequency_hz for edge in impulses_per_cycle)
     locked = (rate >= least - EQUAL_IPS) & (rate <= most + EQUAL_IPS)
     plateaus = [
@@ -106,9 +103,11 @@ def entrainment_plateau(
     return max(plateaus, key=lambda plateau: plateau.decades, default=None)
 
 
-def _rising(amplitude_um: ArrayLike, rate_ips: ArrayLike) -> tuple[FloatArray, FloatArray]:
+def _sort_by_amplitude(
+    amplitude_um: ArrayLike, rate_ips: ArrayLike
+) -> tuple[FloatArray, FloatArray]:
     """Both columns in order of amplitude."""
-    amplitude, rate = (np.asarray(each, dtype=np.float64) for each in (amplitude_um, rate_ips))
+    amplitude, rate = (np.asarray(column, dtype=np.float64) for column in (amplitude_um, rate_ips))
     order = np.argsort(amplitude)
     return amplitude[order], rate[order]
 
@@ -117,22 +116,22 @@ def _crossing_um(
     amplitude_um: FloatArray,
     rate_ips: FloatArray,
     row: int,
-    beside: int,
+    neighbour: int,
     least_ips: float,
     most_ips: float = math.inf,
 ) -> float:
-    """Amplitude at which the curve comes into a range of rates between two rows.
+    """Amplitude at which the curve enters a range of rates between two rows.
 
-    Its rate at `row` is in the range, at `beside` it is not; a row beside the curve
-    makes `row` the end.
+    The rate at `row` is in the range, that at `neighbour` is not. Where `neighbour` is
+    outside the curve, the amplitude at `row`.
     """
-    if not 0 <= beside < amplitude_um.size:
+    if not 0 <= neighbour < amplitude_um.size:
         return float(amplitude_um[row])
-    inside_ips, outside_ips = float(rate_ips[row]), float(rate_ips[beside])
+    inside_ips, outside_ips = float(rate_ips[row]), float(rate_ips[neighbour])
     edge_ips = least_ips if outside_ips < least_ips else most_ips
     share = (edge_ips - outside_ips) / (inside_ips - outside_ips)
     share = min(share, 1.0)  # a rate that equals the edge but for rounding
-    return float(amplitude_um[row] ** share * amplitude_um[beside] ** (1.0 - share))
+    return float(amplitude_um[row] ** share * amplitude_um[neighbour] ** (1.0 - share))
 
 
 def _runs(locked: BoolArray) -> list[tuple[int, int]]:

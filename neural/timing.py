@@ -1,9 +1,9 @@
-"""Times of spikes: how tightly they keep to a phase, how far two trains are apart.
+"""Timing of spikes: phase locking, and distances between two trains.
 
 A train is its spike times in ms, ``(spike,)``, in any order; a duplicate time is two spikes,
-and it may be empty. The distances, of van Rossum and of Victor and Purpura, are metrics: 0
-for equal trains only, symmetric, and they keep the triangle inequality. Each has one number
-that says how precise in time a spike is taken to be: `tau_ms` or ``1 / cost_per_ms``.
+and it may be empty. The distances of van Rossum and of Victor and Purpura are metrics: 0
+for equal trains only, symmetric, with the triangle inequality. Each has one parameter for
+the temporal precision of a spike: `tau_ms` or ``1 / cost_per_ms``.
 """
 
 import math
@@ -15,10 +15,10 @@ from fembridge.typing import FloatArray
 
 
 def vector_strength(times_ms: ArrayLike, frequency_hz: float) -> float:
-    """How tightly spikes keep to one phase of a vibration.
+    """Vector strength of spikes relative to a vibration, 0 to 1.
 
-    1 where all stand at one phase, 0 where they are spread evenly; NaN without spikes. Few
-    spikes look locked: one gives 1, and n at random phases about ``sqrt(0.8 / n)``.
+    1 where all spikes have one phase, 0 where phases are spread evenly; NaN without spikes.
+    Few spikes give large values: one gives 1, and n at random phases about ``sqrt(0.8 / n)``.
 
     Notes
     -----
@@ -34,8 +34,8 @@ def vector_strength(times_ms: ArrayLike, frequency_hz: float) -> float:
 def van_rossum_distance(times_a_ms: ArrayLike, times_b_ms: ArrayLike, tau_ms: float) -> float:
     """Distance of two trains, each spike convolved with an exponential of `tau_ms`.
 
-    With a time constant far below the intervals every spike without a twin counts by
-    itself; far above them the numbers of spikes are compared.
+    With a time constant far below the intervals, spikes without a match are counted; far
+    above them, the numbers of spikes are compared.
 
     Returns
     -------
@@ -50,9 +50,9 @@ def van_rossum_distance(times_a_ms: ArrayLike, times_b_ms: ArrayLike, tau_ms: fl
 
         D² = 1/τ ∫ (f(t) − g(t))² dt,    f(t) = Σ exp(−(t − t_i)/τ) for t ≥ t_i
 
-    D, its root, is the metric; some programs scale D² by 2, so that one spike counts
-    as 1. Between two spikes f − g only decays, so the integral is a sum with one
-    term an interval, all ≥ 0: no grid of time, nothing that cancels.
+    D, the root, is the metric; some programs scale D² by 2, so that one spike counts as 1.
+    Between two spikes f − g only decays, so the integral is a sum with one term >= 0 per
+    interval: without a time grid and without cancellation.
 
     Examples
     --------
@@ -61,9 +61,9 @@ def van_rossum_distance(times_a_ms: ArrayLike, times_b_ms: ArrayLike, tau_ms: fl
     0.5
     """
     train_a, train_b = _sorted(times_a_ms), _sorted(times_b_ms)
-    times_ms, place = np.unique(np.concatenate((train_a, train_b)), return_inverse=True)
+    times_ms, time_index = np.unique(np.concatenate((train_a, train_b)), return_inverse=True)
     sign = np.repeat([1.0, -1.0], [train_a.size, train_b.size])
-    jumps = np.bincount(place, sign, minlength=times_ms.size)
+    jumps = np.bincount(time_index, sign, minlength=times_ms.size)
     intervals = np.diff(times_ms, append=np.inf) / tau_ms
     decays = np.exp(-intervals)
     shares = -0.5 * np.expm1(-2.0 * intervals)  # 1/τ ∫ exp(−2t/τ) over the interval
@@ -79,11 +79,11 @@ def van_rossum_distance(times_a_ms: ArrayLike, times_b_ms: ArrayLike, tau_ms: fl
 def victor_purpura_distance(
     times_a_ms: ArrayLike, times_b_ms: ArrayLike, cost_per_ms: float
 ) -> float:
-    """Least cost of turning one train into the other, spike by spike.
+    """Smallest cost of transforming one train into the other.
 
-    To move a spike by 1 ms costs q, `cost_per_ms`; to take one away or to add one costs 1. So
-    a spike is moved by at most ``2 / q``. For q = 0 it is the difference of the spike counts;
-    for a large q the number of spikes without a twin.
+    Moving a spike by 1 ms costs q = `cost_per_ms`; removing or adding one costs 1. So a spike
+    is moved by at most ``2 / q``. For q = 0 the distance is the difference of the spike
+    counts, for a large q the number of spikes without a match.
 
     Notes
     -----
@@ -91,8 +91,8 @@ def victor_purpura_distance(
 
         D(i, j) = min(D(i − 1, j) + 1, D(i, j − 1) + 1, D(i − 1, j − 1) + q|a_i − b_j|)
 
-    A row at a time: a run of added spikes costs 1 each, so ``D(i, j) − j`` never
-    rises along j, and a running minimum stands for the term that looks left.
+    Computed row by row: each added spike costs 1, so ``D(i, j) − j`` never rises along j,
+    and a running minimum replaces the term ``D(i, j − 1) + 1``.
 
     Examples
     --------

@@ -1,8 +1,8 @@
-"""What a Marc deck holds: mesh, sets, materials, tables, conditions, contact, load cases.
+"""Contents of a Marc deck: mesh, sets, materials, tables, conditions, contact, load cases.
 
-`read_marc_deck` reads mesh and tables at once, since their counts show whether the deck
-is whole; the methods of `MarcDeck` read the rest when they are asked. Numbers are in the
-deck's own units. `describe_marc_deck` is all of it in words and counts.
+`read_marc_deck` reads mesh and tables immediately, since their counts show whether the deck
+is complete; the methods of `MarcDeck` read the rest on demand. Numbers are in the
+deck's own units. `describe_marc_deck` summarises all of it.
 """
 
 import re
@@ -46,8 +46,8 @@ NODES = {
     **dict.fromkeys((202, 203), 15),
     **dict.fromkeys((21, 23, 35, 44, 57, 61, 150), 20),
 }
-_A_LINE = 14  # nodes of an element
-_MOST_COORDINATES = 6
+_NODES_PER_LINE = 14  # nodes of an element
+_MAX_COORDINATES = 6
 
 # What makes nodes and elements that are on no line of their own.
 _GENERATORS = names(
@@ -115,13 +115,13 @@ class Coordinates:
     position: FloatArray
     line: Line | None
 
-    def of(self, node: int) -> FloatArray | None:
-        """Where a node lies ``(d,)``; None when it has no place."""
+    def position_of(self, node: int) -> FloatArray | None:
+        """Position of a node ``(d,)``; None if it has no coordinates."""
         rows = np.flatnonzero(self.number == node)
         if not rows.size:
             return None
-        place: FloatArray = self.position[rows[-1]]  # the last one counts
-        return place
+        position: FloatArray = self.position[rows[-1]]  # the last one counts
+        return position
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,14 +168,14 @@ class Isotropic:
 class Condition:
     """A boundary or initial condition: a value, its table (0 for none), its direction.
 
-    Directions are degrees of freedom from 1, 0 but of fixed displacements. `where` is the
+    Directions are degrees of freedom from 1, 0 but of fixed displacements. `set_name` is the
     set it acts on; `line` holds the values.
     """
 
     family: str
     name: str
     drives: tuple[tuple[float, int, int], ...]
-    where: str
+    set_name: str
     line: Line
 
 
@@ -246,7 +246,9 @@ class MarcDeck:
     def find(self, keyword: str, section: Section = Section.MODEL) -> list[Option]:
         """The options of that keyword in one section."""
         options = self.options
-        return [each for each in options if each.keyword == keyword and each.section is section]
+        return [
+            option for option in options if option.keyword == keyword and option.section is section
+        ]
 
     @property
     def version(self) -> int | None:
@@ -259,8 +261,8 @@ class MarcDeck:
     def mentat(self) -> str | None:
         """The program that wrote the deck, as the deck says."""
         lines = (line for option in self.options for line in option.lines)
-        found = (_MENTAT.match(line.text) for line in lines if line.text.startswith("$"))
-        return next((match[1] for match in found if match), None)
+        matches = (_MENTAT.match(line.text) for line in lines if line.text.startswith("$"))
+        return next((match[1] for match in matches if match), None)
 
     @property
     def sizes(self) -> tuple[int, int] | None:
@@ -275,40 +277,42 @@ class MarcDeck:
     @property
     def element_count(self) -> int:
         """How many elements are listed."""
-        return sum(len(each.number) for each in self.elements)
+        return sum(len(block.number) for block in self.elements)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a user should know about the deck."""
+        """Remarks on the deck for the user."""
         if self.sizes is None or self.element_count == self.sizes[0]:
             return ()
         return (f"{self.element_count} elements, while `sizing` has room for {self.sizes[0]}",)
 
     def sets(self) -> dict[str, NamedSet]:
         """Sets by name, of all sections."""
-        found: dict[str, NamedSet] = {}
-        for option in (each for each in self.options if each.keyword == "define"):
+        sets: dict[str, NamedSet] = {}
+        for option in (option for option in self.options if option.keyword == "define"):
             kind, name = _kind_and_name(option)
             paired = kind.startswith(("edge", "face"))
-            listed = read_list(option.data, paired=paired)
-            shape = (len(listed), 2) if paired else (len(listed),)
-            found[name] = NamedSet(name, kind, np.array(listed, dtype=np.int64).reshape(shape))
-        return found
+            members = read_list(option.data, paired=paired)
+            shape = (len(members), 2) if paired else (len(members),)
+            sets[name] = NamedSet(name, kind, np.array(members, dtype=np.int64).reshape(shape))
+        return sets
 
     def materials(self) -> list[Isotropic]:
         """The isotropic materials."""
         listed = (self.version or 0) <= _LISTED_IN_MATERIAL
         driven = bool(self.find("table", Section.PARAMETER))
-        return _all(self.find("isotropic"), lambda option: _materials(option, listed, driven))
+        return _read_all(self.find("isotropic"), lambda option: _materials(option, listed, driven))
 
     def conditions(self) -> list[Condition]:
         """All conditions of the model definition."""
-        options = (each for each in self.options if each.section is Section.MODEL)
-        return _all((each for each in options if each.keyword in CONDITIONS), _conditions)
+        options = (option for option in self.options if option.section is Section.MODEL)
+        return _read_all(
+            (option for option in options if option.keyword in CONDITIONS), _conditions
+        )
 
     def bodies(self) -> list[Body]:
         """The contact bodies, none of a deck without contact."""
-        return _all(self.find("contact")[:1], _bodies)
+        return _read_all(self.find("contact")[:1], _bodies)
 
     def load_cases(self) -> list[LoadCase]:
         """All load cases."""
@@ -317,7 +321,7 @@ class MarcDeck:
 
     def post(self) -> Post | None:
         """The last ``post`` of the model definition; None of a deck without."""
-        return next(iter(_all(self.find("post")[-1:], _post)), None)
+        return next(iter(_read_all(self.find("post")[-1:], _post)), None)
 
 
 def read_marc_deck(data: bytes) -> MarcDeck:
@@ -330,31 +334,31 @@ def read_marc_deck(data: bytes) -> MarcDeck:
         the line.
     """
     options = read_options(data)
-    model = [each for each in options if each.section is Section.MODEL]
-    connectivity = [each for each in model if each.keyword == "connectivity"]
+    model = [option for option in options if option.section is Section.MODEL]
+    connectivity = [option for option in model if option.keyword == "connectivity"]
     deck = MarcDeck(
         tuple(options),
         tuple(_elements(connectivity)),
-        _coordinates([each for each in model if each.keyword == "coordinates"]),
-        tuple(_all((each for each in model if each.keyword == "table"), _table)),
+        _coordinates([option for option in model if option.keyword == "coordinates"]),
+        tuple(_read_all((option for option in model if option.keyword == "table"), _table)),
     )
     generated = any(option.keyword in _GENERATORS for option in options)
     if deck.sizes is None or generated:
         return deck
     # Mentat says how many elements there are, others how much room is.
-    found, said = deck.element_count, deck.sizes[0]
-    places = ", ".join(each.head.place for each in connectivity) or "without `connectivity`"
+    count, announced = deck.element_count, deck.sizes[0]
+    places = ", ".join(option.head.location for option in connectivity) or "without `connectivity`"
     deck.find("sizing", Section.PARAMETER)[0].head.check(
-        found == said or (found < said and deck.mentat is None),
-        f"`sizing` has {said} elements, but the deck holds {found} ({places})",
+        count == announced or (count < announced and deck.mentat is None),
+        f"`sizing` has {announced} elements, but the deck holds {count} ({places})",
     )
     return deck
 
 
 def describe_marc_deck(path: Path) -> Table:
-    """What the deck at `path` holds.
+    """Contents of the deck at `path`, as a table.
 
-    What cannot be read of it is in ``remarks``, with its line.
+    Parts that cannot be read are listed in ``remarks``, with their line.
     """
     data = read_bytes(path, MAX_DECK_BYTES, DeckError)
     try:
@@ -363,26 +367,26 @@ def describe_marc_deck(path: Path) -> Table:
         raise DeckError(f"{path}: {error}") from error
     remarks = list(deck.remarks)
 
-    def read(view: Callable[[], Iterable[Any]], words: Callable[[Any], Any]) -> list[Any]:
+    def read(view: Callable[[], Iterable[Any]], describe: Callable[[Any], Any]) -> list[Any]:
         try:
-            return [words(each) for each in view()]
+            return [describe(item) for item in view()]
         except DeckError as error:
             remarks.append(f"not read: {error}")
             return []
 
     kinds: Counter[int] = Counter()
-    for each in deck.elements:
-        kinds[each.kind] += len(each.number)
+    for item in deck.elements:
+        kinds[item.kind] += len(item.number)
     tables = []
     for table in deck.tables:
-        held: Table = {"name": table.name, "number": table.number, "line": table.line.number}
+        entry: Table = {"name": table.name, "number": table.number, "line": table.line.number}
         if table.points is not None and len(table.points):
             first, last = table.points[[0, -1]].tolist()
-            held |= {"points": len(table.points), "first": first, "last": last}
-        tables.append(held)
+            entry |= {"points": len(table.points), "first": first, "last": last}
+        tables.append(entry)
     sets = read(
         lambda: deck.sets().values(),
-        lambda one: (one.name, {"kind": one.kind, "members": len(one.member)}),
+        lambda item: (item.name, {"kind": item.kind, "members": len(item.member)}),
     )
     post = read(
         lambda: filter(None, [deck.post()]),
@@ -405,11 +409,11 @@ def describe_marc_deck(path: Path) -> Table:
         "tables": tables,
         "conditions": read(
             deck.conditions,
-            lambda one: {"family": one.family, "name": one.name, "on": one.where},
+            lambda item: {"family": item.family, "name": item.name, "on": item.set_name},
         ),
         "contact_bodies": read(
             deck.bodies,
-            lambda one: {"name": one.name, "kind": BODY_KINDS.get(one.kind, str(one.kind))},
+            lambda item: {"name": item.name, "kind": BODY_KINDS.get(item.kind, str(item.kind))},
         ),
         "load_cases": read(
             deck.load_cases,
@@ -429,23 +433,25 @@ def describe_marc_deck(path: Path) -> Table:
 # ---- Options: each reads what it announces, as far as that is known
 
 
-def _all(options: Iterable[Option], read: Callable[[Option], Iterable[_Value]]) -> list[_Value]:
-    """What all `options` hold; one in which something is not where it should be is refused."""
-    found = list[_Value]()
+def _read_all(
+    options: Iterable[Option], read: Callable[[Option], Iterable[_Value]]
+) -> list[_Value]:
+    """Values of all `options`; a malformed option is refused."""
+    values = list[_Value]()
     for option in options:
-        with _in_shape(option):
-            found += read(option)
-    return found
+        with _shape_errors(option):
+            values += read(option)
+    return values
 
 
 @contextmanager
-def _in_shape(option: Option) -> Iterator[None]:
-    """One refusal for an option in which something is not where it should be."""
+def _shape_errors(option: Option) -> Iterator[None]:
+    """One error for any malformed entry of an option."""
     try:
         yield
     except (IndexError, ValueError):
         named = f" {option.name!r}" if option.name else ""
-        raise option.head.refuse(
+        raise option.head.error(
             f"`{option.keyword}`{named} is cut short, holds less or more than it announces, or "
             "is in a shape that no deck read so far has"
         ) from None
@@ -465,57 +471,61 @@ def _elements(options: Sequence[Option]) -> Iterator[Elements]:
     body of all elements below, from input version 12 on. An element is its number, its
     type and its nodes: 14 of them on the first line, 14 on each further one.
     """
-    seen: dict[int, Line] = {}
+    line_of: dict[int, Line] = {}
     for option in options:
         rows = [line for line in option.data if not line.blank]
         head = rows[0].integers() + [0] * 9 if rows else []
-        found: dict[int, list[list[int]]] = {}
+        rows_by_kind: dict[int, list[list[int]]] = {}
         row = 1
         while row < len(rows):
             line = rows[row]
             values = line.integers()
             row += 1
             if len(values) < 3:
-                raise line.refuse("expected an element: number, type, nodes")
+                raise line.error("expected an element: number, type, nodes")
             number, kind = values[:2]
-            if number in seen:
-                raise line.refuse(f"element {number} again, first on {seen[number].place}")
-            seen[number] = line
-            same = found.setdefault(kind, [])
+            if number in line_of:
+                raise line.error(f"element {number} again, first on {line_of[number].location}")
+            line_of[number] = line
+            same_kind = rows_by_kind.setdefault(kind, [])
             # Of a type that is not known all nodes are on the line, as of the first of it.
-            expected = NODES.get(kind, len((same or [values])[0]) - 2)
-            while row < len(rows) and expected > (there := len(values) - 2) and not there % _A_LINE:
+            expected = NODES.get(kind, len((same_kind or [values])[0]) - 2)
+            while (
+                row < len(rows)
+                and expected > (nodes := len(values) - 2)
+                and not nodes % _NODES_PER_LINE
+            ):
                 values += rows[row].integers()
                 row += 1
-            words = f"element {number} of type {kind} has {len(values) - 2} nodes"
-            line.check(len(values) - 2 == expected, f"{words}, expected {expected}")
-            same.append(values)
-        for kind, listed in found.items():
+            message = f"element {number} of type {kind} has {len(values) - 2} nodes"
+            line.check(len(values) - 2 == expected, f"{message}, expected {expected}")
+            same_kind.append(values)
+        for kind, listed in rows_by_kind.items():
             table = np.array(listed, dtype=np.int64)
             yield Elements(kind, table[:, 0].copy(), table[:, 2:].copy(), head[5])
 
 
 def _coordinates(options: Sequence[Option]) -> Coordinates:
-    """All ``coordinates`` options: how many reals a node has and how many nodes, nodes."""
+    """All ``coordinates`` options: reals per node, count of nodes, then the nodes."""
     numbers: list[int] = []
-    places: list[list[float]] = []
+    node_coordinates: list[list[float]] = []
     for option in options:
         rows = [line for line in option.data if not line.blank]
         if not rows:
             continue
         width, count = ([*rows[0].integers(), 0, 0])[:2]
         width = width or 3
-        words = f"{width} coordinates a node, expected 1 to {_MOST_COORDINATES}"
-        rows[0].check(1 <= width <= _MOST_COORDINATES, words)
+        message = f"{width} coordinates a node, expected 1 to {_MAX_COORDINATES}"
+        rows[0].check(1 <= width <= _MAX_COORDINATES, message)
         for line in rows[1:]:
-            number, *place = line.fields("i" + "r" * width)
+            number, *coordinates = line.fields("i" + "r" * width)
             numbers.append(number)
-            places.append(place)
-        words = f"{count} nodes announced, but {len(rows) - 1} lines of them"
-        rows[0].check(count in (0, len(rows) - 1), words)
-    position = np.zeros((len(places), max(map(len, places), default=3)))
-    for row, place in zip(position, places, strict=True):
-        row[: len(place)] = place
+            node_coordinates.append(coordinates)
+        message = f"{count} nodes announced, but {len(rows) - 1} lines of them"
+        rows[0].check(count in (0, len(rows) - 1), message)
+    position = np.zeros((len(node_coordinates), max(map(len, node_coordinates), default=3)))
+    for row, coordinates in zip(position, node_coordinates, strict=True):
+        row[: len(coordinates)] = coordinates
     head = options[0].head if options else None
     return Coordinates(np.array(numbers, dtype=np.int64), position, head)
 
@@ -524,15 +534,15 @@ def _kind_and_name(option: Option) -> tuple[str, str]:
     """The words of ``define KIND set NAME``."""
     text, width = option.head.text, option.head.layout.real
     if option.head.free:
-        words = [each.strip() for each in text.split(",")]
-        name = ",".join(words[3:]).strip(",").strip()
+        fields = [field.strip() for field in text.split(",")]
+        name = ",".join(fields[3:]).strip(",").strip()
     else:
-        words = [text[at : at + width].strip() for at in range(0, 3 * width, width)]
+        fields = [text[start : start + width].strip() for start in range(0, 3 * width, width)]
         name = text[3 * width :].strip()
         if not name:
-            words = text.split(maxsplit=3)
-            name = words[3].strip() if len(words) > 3 else ""
-    kind = words[1].lower() if len(words) > 1 else ""
+            fields = text.split(maxsplit=3)
+            name = fields[3].strip() if len(fields) > 3 else ""
+    kind = fields[1].lower() if len(fields) > 1 else ""
     option.head.check(bool(kind and name), "expected `define`, what, `set` and a name")
     return kind, name
 
@@ -556,8 +566,8 @@ def _materials(option: Option, listed: bool, driven: bool) -> Iterator[Isotropic
     for block in blocks(rows, starts):
         number, _criterion, _hardening, *_, name = block[0].fields("iwwiiiit")
         young, poisson, *others = block[1].reals()
-        members = [each for each in block[before_list:] if not each.blank] if listed else []
-        elements = tuple(each for each in read_list(members) if isinstance(each, int))
+        members = [item for item in block[before_list:] if not item.blank] if listed else []
+        elements = tuple(item for item in read_list(members) if isinstance(item, int))
         yield Isotropic(number, name, (young, poisson, *others), elements)
 
 
@@ -603,7 +613,7 @@ def _conditions(option: Option) -> Iterator[Condition]:
     starts = []
     for row, line in enumerate(rows := option.filled):
         *numbers, name = line.cut("iiiiiit")
-        if name and all(each.lstrip("+-").isdigit() for each in numbers):
+        if name and all(number.lstrip("+-").isdigit() for number in numbers):
             starts.append(row)
     option.head.check(
         not rows or starts[:1] in ([0], [1]),
@@ -616,12 +626,12 @@ def _conditions(option: Option) -> Iterator[Condition]:
         tables += [0] * (len(values) - len(tables))
         directions = [0] * len(values)
         if option.keyword == FIXED_DISPLACEMENT:
-            directions, where = block[3].integers(), block[5]
+            directions, set_line = block[3].integers(), block[5]
         else:
             # Kinds of loads differ in what comes between; a name is always last.
-            where = next((line for line in reversed(block[4:]) if line.lettered), block[4])
+            set_line = next((line for line in reversed(block[4:]) if line.lettered), block[4])
         drives = tuple(zip(values, tables, directions, strict=True))
-        yield Condition(option.keyword, name, drives, where.word, block[1])
+        yield Condition(option.keyword, name, drives, set_line.only_word, block[1])
 
 
 def _bodies(option: Option) -> Iterator[Body]:
@@ -667,25 +677,25 @@ def _load_case(all_options: Sequence[Option], number: int) -> LoadCase:
     """
     options = [option for option in all_options if option.case == number]
 
-    def of(*keywords: str) -> list[Option]:
+    def find_options(*keywords: str) -> list[Option]:
         return [option for option in options if option.keyword in keywords]
 
-    named, times = of("loadcase"), of("time step")
-    steps = of(FIXED, ADAPTIVE, *_OTHER_STEPPING)
+    case_options, times = find_options("loadcase"), find_options("time step")
+    steps = find_options(FIXED, ADAPTIVE, *_OTHER_STEPPING)
     for other in steps[1:]:
-        beside = f"beside `{steps[0].keyword}` on {steps[0].head.place}"
-        raise other.head.refuse(f"a second way of stepping, `{other.keyword}`, {beside}")
-    name = next((option.name for option in reversed(named or of("title"))), "")
-    active = tuple(_all(named[-1:], _active))
+        problem = f"beside `{steps[0].keyword}` on {steps[0].head.location}"
+        raise other.head.error(f"a second way of stepping, `{other.keyword}`, {problem}")
+    name = next((option.name for option in reversed(case_options or find_options("title"))), "")
+    active = tuple(_read_all(case_options[-1:], _active_conditions))
     stepping, time_step = next(iter(steps), None), next(reversed(times), None)
     increments, period = _increments(stepping, time_step)
     return LoadCase(number, name, active, stepping, time_step, increments, period, options[0].head)
 
 
-def _active(option: Option) -> list[str]:
+def _active_conditions(option: Option) -> list[str]:
     """Names of the conditions that act, as many as the first line says."""
     rows = option.data
-    return [rows[row + 1].word for row in range(rows[0].first_integer())] if rows else []
+    return [rows[row + 1].only_word for row in range(rows[0].first_integer())] if rows else []
 
 
 def _increments(
@@ -694,7 +704,7 @@ def _increments(
     """The count of a load case's increments, and their time together."""
     if stepping is None:
         return 0, 0.0
-    with _in_shape(stepping):
+    with _shape_errors(stepping):
         first = stepping.data[0]
     if stepping.keyword == ADAPTIVE:
         return None, first.fields(_AUTO_STEP)[1]
@@ -703,7 +713,7 @@ def _increments(
     count = first.first_integer()
     if time_step is None:
         return count, None
-    with _in_shape(time_step):
+    with _shape_errors(time_step):
         return count, count * time_step.data[0].fields("r")[0]
 
 

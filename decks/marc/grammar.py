@@ -27,7 +27,7 @@ _REAL = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[eEdD]([+-]?\d+)|([+-]\d+)|[+-
 _MENTAT_REAL = re.compile(r"-?\d\.\d{15}[+-]\d\Z")
 _INTEGER = re.compile(r"[+-]?\d{1,18}\Z")
 _PLAIN_INTEGERS = re.compile(r"[ \d+-]*")
-_LONGEST_REAL = 40  # characters; longer ones are no numbers
+_MAX_REAL_LENGTH = 40  # characters; longer ones are no numbers
 _DECIMALS = 15
 
 
@@ -58,8 +58,8 @@ def parse_real(text: str) -> float:
     """
     if _MENTAT_REAL.match(text):  # most of a deck
         return float(f"{text[:-2]}e{text[-2:]}")
-    found = _REAL.match(text) if len(text) <= _LONGEST_REAL else None
-    value = float(f"{found[1]}e{found[2] or found[3] or 0}") if found else math.inf
+    match = _REAL.match(text) if len(text) <= _MAX_REAL_LENGTH else None
+    value = float(f"{match[1]}e{match[2] or match[3] or 0}") if match else math.inf
     if abs(value) == math.inf:
         raise ValueError(text)
     return value
@@ -141,8 +141,8 @@ def cut(text: str, layout: Layout, kinds: str) -> list[str]:
         return [*items, *[""] * count][:count]
     if endless:
         text, width = text.rstrip(), layout.columns(kinds[0])
-        return [text[at : at + width].strip() for at in range(0, len(text), width)]
-    return [text[at:end].strip() for at, end in _spans(layout, kinds)]
+        return [text[start : start + width].strip() for start in range(0, len(text), width)]
+    return [text[start:end].strip() for start, end in _spans(layout, kinds)]
 
 
 @cache
@@ -188,23 +188,23 @@ class Line(NamedTuple):
         return "," in self.text
 
     @property
-    def word(self) -> str:
+    def only_word(self) -> str:
         """The only word on it, such as the name of a set."""
         return self.text.strip().rstrip(",").strip()
 
     @property
-    def place(self) -> str:
-        """Its number, as an error names it."""
+    def location(self) -> str:
+        """Its number, for an error."""
         return f"line {self.number}"
 
-    def refuse(self, problem: str) -> DeckError:
+    def error(self, problem: str) -> DeckError:
         """The error that names this line."""
-        return DeckError(f"{self.place}: {problem}")
+        return DeckError(f"{self.location}: {problem}")
 
     def check(self, good: bool, problem: str) -> None:
         """Refuse the deck at this line where it is not `good`."""
         if not good:
-            raise self.refuse(problem)
+            raise self.error(problem)
 
     def cut(self, kinds: str) -> list[str]:
         """Its fields as texts."""
@@ -212,17 +212,17 @@ class Line(NamedTuple):
 
     def fields(self, kinds: str) -> list[Any]:
         """Its fields: ``i`` int, ``r`` float, ``w`` and ``t`` text; blank ones are zero."""
-        texts, found = self.cut(kinds), list[Any]()
+        texts, values = self.cut(kinds), list[Any]()
         if kinds.endswith("*"):
             kinds = kinds[0] * len(texts)
         for text, kind in zip(texts, kinds, strict=True):
-            read, blank, what = _FIELDS[kind]
+            parse, blank, expected = _FIELDS[kind]
             try:
-                found.append(read(text or blank))
+                values.append(parse(text or blank))
             except ValueError:
-                words = f"field {len(found) + 1} is {text!r}, expected {what}"
-                raise self.refuse(words) from None
-        return found
+                message = f"field {len(values) + 1} is {text!r}, expected {expected}"
+                raise self.error(message) from None
+        return values
 
     def integers(self) -> list[int]:
         """All its fields as integers."""
@@ -244,18 +244,18 @@ class Line(NamedTuple):
 
     def with_integer(self, row: int, value: int) -> str:
         """Its text with `value` in field `row`, from 0, of a line of integers."""
-        text, written, width = self.text, str(value), self.layout.integer
+        text, digits, width = self.text, str(value), self.layout.integer
         if self.free:
             items = text.split(",")
             items += [""] * (row + 1 - len(items))
             old = items[row]
             lead = old[: len(old) - len(old.lstrip())]
-            items[row] = lead + written + (old[len(old.rstrip()) :] if old.strip() else "")
+            items[row] = lead + digits + (old[len(old.rstrip()) :] if old.strip() else "")
             return ",".join(items)
-        if len(written) > width:
-            raise self.refuse(f"{value} does not fit into field {row + 1}, of {width} columns")
+        if len(digits) > width:
+            raise self.error(f"{value} does not fit into field {row + 1}, of {width} columns")
         padded = text.ljust((row + 1) * width)
-        return padded[: row * width] + written.rjust(width) + padded[(row + 1) * width :]
+        return padded[: row * width] + digits.rjust(width) + padded[(row + 1) * width :]
 
 
 # ---- Keywords: what ends the option before
@@ -267,7 +267,7 @@ _OPENING = ("title", "extended", "sizing", "elements", "version", "alloc", "tabl
 
 # Options that this grammar knows the inside of: no line of theirs is a mere name but
 # where a rule below says so.
-_KNOWN = """
+_KNOWN_TEXT = """
 auto load, auto step, con intera, con table, connectivity, contact, contact table,
 continue, control, coordinates, end option, isotropic, mat color, no print, optimize,
 parameters, post, post increment, solver, table, time step, title
@@ -320,23 +320,23 @@ def names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.replace("\n", " ").split(","))
 
 
-KNOWN = names(_KNOWN)
+KNOWN_OPTIONS = names(_KNOWN_TEXT)
 CONDITIONS = names(_CONDITIONS)
 
 
 def significant(text: str) -> str:
-    """What Marc knows a keyword by: ten characters, up to the first comma, in lower case."""
+    """The significant part of a keyword: ten characters, up to the first comma, in lower case."""
     return text.partition(",")[0].expandtabs(8)[:_SIGNIFICANT].rstrip().lower()
 
 
-_NAMES = {significant(name): name for name in (*KNOWN, *CONDITIONS, *names(_OTHERS))}
+_NAMES = {significant(name): name for name in (*KNOWN_OPTIONS, *CONDITIONS, *names(_OTHERS))}
 
 
 # ---- Options
 
 
 class Section(Enum):
-    """The part of a deck that an option stands in."""
+    """The part of a deck that contains an option."""
 
     PARAMETER = "parameter"
     MODEL = "model definition"
@@ -385,13 +385,13 @@ class Option:
         """Integers on the keyword's line; other fields there are 0."""
         head = self.head
         texts = cut(head.text[0 if head.free else head.layout.real :], head.layout, "i*")
-        return [int(each) if _INTEGER.match(each) else 0 for each in texts[head.free :]]
+        return [int(text) if _INTEGER.match(text) else 0 for text in texts[head.free :]]
 
 
 def blocks(rows: Sequence[Line], starts: Sequence[int]) -> list[Sequence[Line]]:
     """`rows` cut at the rows `starts`; what lies before the first is left out."""
     stops = [*starts[1:], len(rows)]
-    return [rows[at:stop] for at, stop in zip(starts, stops, strict=False)]
+    return [rows[start:stop] for start, stop in zip(starts, stops, strict=False)]
 
 
 # ---- Lists: ``1 to 15 by 2 and 40``, ``and`` or none, on lines that end in ``c``
@@ -403,7 +403,7 @@ _CONTINUED = re.compile(r"(?:^|[\s,\d])c(?:ontinue)?\s*\Z", re.IGNORECASE)
 _ITEM = re.compile(
     r"(?P<first>\S+)(?: +(?:to|through) +(?P<last>\S+)(?: +by +(?P<step>\S+))?)?", re.IGNORECASE
 )
-_MOST = 20_000_000  # members of a list
+_MAX_MEMBERS = 20_000_000  # members of a list
 
 
 def read_list(lines: Iterable[Line], *, paired: bool = False) -> list[Member]:
@@ -415,13 +415,16 @@ def read_list(lines: Iterable[Line], *, paired: bool = False) -> list[Member]:
             parts.pop()
         texts.append("".join(f"{part} " for part in parts if part.lower() != "and"))
     ends = list(accumulate(map(len, texts)))
-    found: dict[Member, None] = {}
+    members_seen: dict[Member, None] = {}
     for item in _ITEM.finditer("".join(texts)):
         line = owners[bisect_left(ends, item.end())]
         members = _span(line, item, paired)
-        line.check(len(found) + len(members) <= _MOST, f"a list of more than {_MOST} members")
-        found.update(dict.fromkeys(members))
-    return list(found)
+        line.check(
+            len(members_seen) + len(members) <= _MAX_MEMBERS,
+            f"a list of more than {_MAX_MEMBERS} members",
+        )
+        members_seen.update(dict.fromkeys(members))
+    return list(members_seen)
 
 
 def _span(line: Line, item: re.Match[str], paired: bool) -> Sequence[Member]:
@@ -432,19 +435,21 @@ def _span(line: Line, item: re.Match[str], paired: bool) -> Sequence[Member]:
     last, last_side = _member(line, item["last"], paired)
     step = abs(_member(line, item["step"] or "1", False)[0]) or 1
     line.check(side == last_side, "a list goes from one side of an element to another")
-    line.check(abs(last - first) // step <= _MOST, f"a list of more than {_MOST} members")
+    line.check(
+        abs(last - first) // step <= _MAX_MEMBERS, f"a list of more than {_MAX_MEMBERS} members"
+    )
     forward = 1 if last >= first else -1
     span = range(first, last + forward, forward * step)
     return [(number, side) for number in span] if paired else span
 
 
-def _member(line: Line, word: str, paired: bool) -> tuple[int, int]:
-    number, _, side = word.partition(":") if paired else (word, "", "0")
+def _member(line: Line, item: str, paired: bool) -> tuple[int, int]:
+    number, _, side = item.partition(":") if paired else (item, "", "0")
     if _INTEGER.match(number) and _SIDE.match(side):
         return int(number), int(side)
-    side, what = (":0", "element:side") if paired else ("", "a number")
-    raise line.refuse(
-        f"{word!r} in a list, expected {what}, as in `7{side}` or `1{side} to 9{side}`; a line "
+    side, expected = (":0", "element:side") if paired else ("", "a number")
+    raise line.error(
+        f"{item!r} in a list, expected {expected}, as in `7{side}` or `1{side} to 9{side}`; a line "
         "that goes on ends in `c`"
     )
 
@@ -467,7 +472,7 @@ def condition_name(line: Line) -> str:
 
 def _in_condition(data: Sequence[Line], _line: Line) -> bool:
     """A set's name: it follows the kind of list of a named condition."""
-    if not data or not _INTEGER.match(data[-1].word):
+    if not data or not _INTEGER.match(data[-1].only_word):
         return False
     for row, before in enumerate(reversed(data[:-1]), start=2):
         if before.lettered:
@@ -500,24 +505,24 @@ _RULES: dict[str, Callable[[Sequence[Line], Line], bool]] = {
 
 _INCLUDE = re.compile(r"include(?:\s*,\s*|\s+)\S", re.IGNORECASE)
 _CASE_STARTS = re.compile(r"\$\.*start of loadcase\b", re.IGNORECASE)  # Mentat's comment
-_LOOK = 4096  # bytes in which a deck's first keyword stands
+_HEAD_BYTES = 4096  # bytes in which a deck's first keyword stands
 _END, _END_OPTION, _CONTINUE = "end", "end option", "continue"
 
 
 def read_options(data: bytes) -> list[Option]:
     """The options of a deck, every line in one of them."""
     if b"\0" in data:
-        raise _no_deck("zero bytes, expected text")
+        raise _not_marc_error("zero bytes, expected text")
     reader = _Reader()
     reader.read(data)
     options = reader.options
     keywords = {option.keyword for option in options}
     if _END not in keywords or not keywords.intersection(_OPENING):
-        raise _no_deck("no parameters such as `sizing` that end with `end`")
-    if (missing := _missing(options)) is not None:
+        raise _not_marc_error("no parameters such as `sizing` that end with `end`")
+    if (missing := _missing_keyword(options)) is not None:
         last = options[-1]
-        raise last.lines[-1].refuse(
-            f"the deck ends in `{last.keyword}`, which starts on {last.head.place}; "
+        raise last.lines[-1].error(
+            f"the deck ends in `{last.keyword}`, which starts on {last.head.location}; "
             f"expected `{missing}` before the end: the file is cut short"
         )
     return options
@@ -532,11 +537,11 @@ def is_marc_deck(path: Path) -> bool:
         return False
     try:
         with path.open("rb") as file:
-            lines = file.read(_LOOK).decode("latin-1").split("\n")
+            lines = file.read(_HEAD_BYTES).decode("latin-1").split("\n")
     except OSError:
         return False
-    words = (line for line in lines if line.strip() and not line.lstrip().startswith("$"))
-    return significant(next(words, "").removesuffix("\r")) in _OPENING
+    data_lines = (line for line in lines if line.strip() and not line.lstrip().startswith("$"))
+    return significant(next(data_lines, "").removesuffix("\r")) in _OPENING
 
 
 @dataclass(slots=True)
@@ -583,19 +588,21 @@ class _Reader:
         if line.comment:
             self.lines.append(line)
         elif _INCLUDE.match(line.text):
-            raise line.refuse(
-                "an included file is not read; put its lines in the place of this one"
+            raise line.error(
+                "an included file is not read; replace this line by the lines of that file"
             )
         elif line.lettered and self._opens(line):
             self.close()
-            word = significant(line.text)
-            self.keyword = word if self.section is Section.PARAMETER else _NAMES.get(word, word)
+            keyword = significant(line.text)
+            self.keyword = (
+                keyword if self.section is Section.PARAMETER else _NAMES.get(keyword, keyword)
+            )
             self.lines, self.rows = [line], []
-            if self.section is Section.PARAMETER and word == "extended":
+            if self.section is Section.PARAMETER and keyword == "extended":
                 self.layout = Layout.EXTENDED
         else:
             if not (self.keyword or line.blank or line.lettered):
-                raise line.refuse(
+                raise line.error(
                     f"no Marc deck: starts with {line.text.strip()[:40]!r}, expected a "
                     "parameter such as `title`, from column 1"
                 )
@@ -610,38 +617,38 @@ class _Reader:
         if rows and _CONTINUED.search(rows[-1].text):
             return False
         if self.keyword == "loadcase" and line.text.strip().rstrip(", ") in self.conditions:
-            return not _more_to_come(rows)
+            return not _more_conditions_follow(rows)
         rule = _RULES.get(self.keyword)
         if rule is not None and rule(rows, line):
             return False
         if significant(line.text) in _NAMES:
             return True
         # A name can stand in each option but those known, and those nobody knows.
-        return self.keyword in KNOWN
+        return self.keyword in KNOWN_OPTIONS
 
 
-def _more_to_come(rows: Sequence[Line]) -> bool:
+def _more_conditions_follow(rows: Sequence[Line]) -> bool:
     """Whether a load case has more conditions to come, as its first line counts."""
-    count = rows[0].word if rows else ""
+    count = rows[0].only_word if rows else ""
     return bool(_INTEGER.match(count)) and len(rows) <= int(count)
 
 
-def _missing(options: Sequence[Option]) -> str | None:
-    """The keyword that is missing where a deck ends."""
+def _missing_keyword(options: Sequence[Option]) -> str | None:
+    """The keyword that is missing at the end of a deck; None if the deck is complete."""
     last = options[-1]
     if last.section is Section.PARAMETER:
         return None if last.keyword == _END and _is_root(options) else _END_OPTION
-    whole = _END_OPTION if last.section is Section.MODEL else _CONTINUE
-    if last.keyword != whole:
-        return whole
+    final = _END_OPTION if last.section is Section.MODEL else _CONTINUE
+    if last.keyword != final:
+        return final
     announced = any(_CASE_STARTS.match(line.text) for line in last.lines)
     return _CONTINUE if announced else None
 
 
 def _is_root(options: Sequence[Option]) -> bool:
     """Whether this is the first deck of several domains, which holds no mesh."""
-    return not any(any(each.numbers) for each in options if each.keyword == "sizing")
+    return not any(any(option.numbers) for option in options if option.keyword == "sizing")
 
 
-def _no_deck(found: str) -> DeckError:
-    return DeckError(f"no Marc deck: {found}")
+def _not_marc_error(problem: str) -> DeckError:
+    return DeckError(f"no Marc deck: {problem}")

@@ -23,7 +23,7 @@ from fembridge.errors import DeckError
 from fembridge.typing import FloatArray, IntArray
 
 DECK = DIALECTS["marc"].deck
-(PROCEDURE,) = DIALECTS["marc"].beside
+(PROCEDURE,) = DIALECTS["marc"].extra_files
 # Mentat names the job that it makes of a deck by the deck's title.
 TITLE = "job1"
 WAVEFORM = "waveform"
@@ -55,14 +55,14 @@ def marc_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> str: 
     DeckError
         A motion or a law that it cannot express.
     """
-    for asked, words in (
+    for requested, feature in (
         (analysis.motion.aside_mm is not None, "sliding probe"),
         (analysis.finger.relaxing_s > 0, "relaxing skin"),
         (analysis.inertia, "inertia"),
     ):
-        if asked:
-            raise DeckError(f"fembridge writes no {words} for marc")
-    model, results = analysis.whole(), options.results or "both"
+        if requested:
+            raise DeckError(f"fembridge writes no {feature} for marc")
+    model, results = analysis.full_section(), options.results or "both"
     meshed, kind = options.probe == "meshed", int(DIALECTS["marc"].elements[model.element])
     quadratic, probe_mm = NODES[kind] == 8, model.probe_mesh.node_mm
     # A section, its type of element, its contact body; materials count from 1. The probe's
@@ -74,10 +74,12 @@ def marc_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> str: 
     edges, _, _ = model.mesh.outline()
     lower_mm = probe_mm[model.probe_mesh.lower_node]
     numbers = [section.number for section, _, _ in sections]
-    pressures = sum(len(one.number) for one, each, _ in sections if each in _WITH_PRESSURE)
-    places = [*_node_lines(model.node_mm, 1)]
+    pressures = sum(
+        len(section.number) for section, element, _ in sections if element in _WITH_PRESSURE
+    )
+    node_lines = [*_node_lines(model.node_mm, 1)]
     if meshed:
-        places += _node_lines(probe_mm, model.first_probe_node)
+        node_lines += _node_lines(probe_mm, model.first_probe_node)
     return template(f"marc/{DECK}.j2").render(
         model=model,
         comment=_comment,
@@ -92,12 +94,12 @@ def marc_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> str: 
         quadratic=quadratic,
         plain_quad=kind == _PLAIN_QUAD,
         friction=model.contact.friction,
-        parts=[_part(*each, mesh_nodes) for each in sections],
-        kinds=dict.fromkeys(each for _, each, _ in sections),
+        parts=[_part(*part, mesh_nodes) for part in sections],
+        kinds=dict.fromkeys(element for _, element, _ in sections),
         elements=len(np.concatenate(numbers)),
         mesh_nodes=mesh_nodes,
         nodes=mesh_nodes + pressures,
-        coordinates="\n".join(places),
+        coordinates="\n".join(node_lines),
         # Most of one deformable body; each node of the probe's single row is on its outline.
         boundary_nodes=max(len(np.unique(edges)) + quadratic * len(edges), meshed * len(probe_mm)),
         waveform="\n".join(time_table(WAVEFORM, model.motion.time_s, model.motion.depth_mm)),
@@ -133,12 +135,12 @@ def _part(section: ElementSet, kind: int, body: int, mesh_nodes: int) -> dict[st
         raise DeckError(
             f"{section.name} is {section.law}: a Marc deck of it cannot be written "
             "with certainty, since no deck with that material and a known meaning "
-            "of its numbers was at hand; expected linear"
+            "of its numbers was available; expected linear"
         )
-    node, words = section.node, ""
+    node, note = section.node, ""
     if kind in _WITH_PRESSURE:
         node = np.column_stack([node, mesh_nodes + section.number])
-        words = ", the last node of each its pressure"
+        note = ", the last node of each its pressure"
     row_format = "%10d" * (2 + node.shape[1])
     rows = np.column_stack([section.number, np.full(len(node), kind), node]).tolist()
     return {
@@ -146,7 +148,7 @@ def _part(section: ElementSet, kind: int, body: int, mesh_nodes: int) -> dict[st
         "material": section.material,
         "body": body,
         "numbers": section.number,
-        "words": words,
+        "words": note,
         "elements": "\n".join(row_format % tuple(row) for row in rows),
     }
 
@@ -154,10 +156,10 @@ def _part(section: ElementSet, kind: int, body: int, mesh_nodes: int) -> dict[st
 def _comment(text: str) -> str:
     """`text` as comment lines, in printable ASCII and short enough to read."""
     lines = [""]
-    for word in text.encode("unicode_escape").decode("ascii").split():
-        if lines[-1] and len(lines[-1]) + 1 + len(word) > _COMMENT_TEXT:
+    for text_part in text.encode("unicode_escape").decode("ascii").split():
+        if lines[-1] and len(lines[-1]) + 1 + len(text_part) > _COMMENT_TEXT:
             lines.append("")
-        lines[-1] += f" {word}" if lines[-1] else word
+        lines[-1] += f" {text_part}" if lines[-1] else text_part
     return "\n".join(f"$....{line}" for line in lines)
 
 
@@ -165,7 +167,7 @@ def _members(numbers: Sequence[int] | IntArray) -> str:
     """The members of a set; a line that ends in ``c`` goes on."""
     flat = np.asarray(numbers).tolist()
     rows = [flat[start : start + _LIST_ITEMS] for start in range(0, len(flat), _LIST_ITEMS)]
-    return "   c\n".join("".join(f"{each:12d}" for each in row) for row in rows)
+    return "   c\n".join("".join(f"{number:12d}" for number in row) for row in rows)
 
 
 def _node_lines(node_mm: FloatArray, first: int) -> Iterator[str]:

@@ -1,6 +1,6 @@
-"""A user's own deck, kept to the byte but for waveform, increments and output.
+"""A base deck: kept to the byte except for waveform, increments and output.
 
-Here is what is wanted of it, and what came of it; `inp` and `marc` are the two languages.
+This module has the request and the result; `inp` and `marc` edit the two kinds of deck.
 """
 
 import re
@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from decks.dialects import INCREMENTS, RESULTS
-from decks.inp import squeezed
+from decks.inp import normalized_name
 from decks.motion import Motion
 from decks.unit_system import LENGTH_UNITS, MM, UnitSystem
 from fembridge.errors import DeckError, UsageError
@@ -20,7 +20,7 @@ _BIG_MM = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What is wanted of an own deck.
+    """A request for changes of a base deck.
 
     Parameters
     ----------
@@ -56,13 +56,13 @@ class Request:
     all_nodes: bool = False
 
     def __post_init__(self) -> None:
-        for name, known in (
+        for name, choices in (
             ("length_unit", (None, *LENGTH_UNITS)),
             ("results", (None, *RESULTS)),
             ("increments", INCREMENTS),
         ):
-            if (word := getattr(self, name)) not in known:
-                raise UsageError(f"{name} {word!r}, expected {', '.join(filter(None, known))}")
+            if (value := getattr(self, name)) not in choices:
+                raise UsageError(f"{name} {value!r}, expected {', '.join(filter(None, choices))}")
         if self.move is not None and self.amplitude:
             raise UsageError("amplitude and move: one of them names the motion")
         if self.move is not None and not _MOVE.fullmatch(self.move):
@@ -79,20 +79,20 @@ class Request:
         """Set or node, axis and sign of `move`; sign 0 where it says none."""
         if self.move is None:
             return None
-        what, degree = self.move.rsplit(",", 1)
+        target, degree = self.move.rsplit(",", 1)
         sign = {"-": -1, "+": 1}.get(degree.strip()[0], 0)
-        return squeezed(what), abs(int(degree)), sign
+        return normalized_name(target), abs(int(degree)), sign
 
 
 @dataclass(frozen=True, slots=True)
 class Rebased:
-    """An own deck with the waveform in it.
+    """A base deck that contains the waveform.
 
-    `remarks` say what was chosen and changed, each with its line. `place_mm` is
-    the undeformed (x, y) of each afferent's node, of a solid model (x, y, z). `needs` are
-    the files that the deck includes, by the relative names it gives them. `before_s` is
-    the solver's time at which the waveform begins: that of the steps before it.
-    `stands_mm` is how deep the probe stands by then. `units` are the deck's.
+    `remarks` describe each choice and change, with its line. `place_mm` is the undeformed
+    position of each afferent's node, (x, y) or, in a solid model, (x, y, z). `needs` are the
+    relative names of the files that the deck includes. `before_s` is the solver time at which
+    the waveform begins, after the earlier steps, and `stands_mm` the depth of the probe at that
+    time. `units` are those of the deck.
     """
 
     deck: bytes
@@ -105,30 +105,30 @@ class Rebased:
 
 
 class Edit(NamedTuple):
-    """`new` in the place of a deck's bytes from `start` to `stop`."""
+    """A replacement of the bytes of a deck from `start` to `stop` by `new`."""
 
     start: int
     stop: int
     new: bytes = b""
 
 
-def edited(data: bytes, edits: Iterable[Edit]) -> bytes:
-    """`data` with all `edits`; those at one place in the order they are given in."""
-    pieces, done = [], 0
+def apply_edits(data: bytes, edits: Iterable[Edit]) -> bytes:
+    """`data` with all `edits` applied; edits at the same byte keep their order."""
+    pieces, end = [], 0
     for edit in sorted(edits, key=lambda edit: edit[:2]):
-        pieces += [data[done : edit.start], edit.new]
-        done = edit.stop
-    return b"".join([*pieces, data[done:]])
+        pieces += [data[end : edit.start], edit.new]
+        end = edit.stop
+    return b"".join([*pieces, data[end:]])
 
 
-def too_far(motion: Motion, size_mm: float, units: UnitSystem, by_heading: bool) -> list[str]:
-    """A remark where a waveform or a model is of no size that both can have."""
+def size_warnings(motion: Motion, size_mm: float, units: UnitSystem, by_heading: bool) -> list[str]:
+    """A warning if the waveform is larger than the model, or the model is implausibly large."""
     reach_mm = float(motion.depth_mm.max() - motion.depth_mm.min())
     if size_mm > 0 and reach_mm > size_mm:
-        found = f"the waveform moves {reach_mm:g} mm and the model is {size_mm:g} mm big"
+        finding = f"the waveform moves {reach_mm:g} mm and the model is {size_mm:g} mm big"
     elif size_mm > _BIG_MM:
-        found = f"the model is {size_mm / _BIG_MM:g} m big"
+        finding = f"the model is {size_mm / _BIG_MM:g} m big"
     else:
         return []
     hint = "as its heading says" if by_heading else "--length-unit names it"
-    return [f"{found}: is its unit of length {units.length_unit}? ({hint})"]
+    return [f"{finding}: is its unit of length {units.length_unit}? ({hint})"]

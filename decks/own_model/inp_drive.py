@@ -1,4 +1,4 @@
-"""What of a keyword deck becomes the waveform: which displacement, in which step, from where.
+"""The displacement of a keyword deck that becomes the waveform, its step and start depth.
 
     *BOUNDARY, AMPLITUDE=PRESS
     PROBE, 2, 2, -0.05
@@ -8,8 +8,8 @@ amplitude is the depth divided by the magnitude's size. Its sign, which says whe
 the skin is, stays the user's. A displacement without an amplitude, which solvers ramp,
 or with one that other steps use too, gets an amplitude of its own.
 
-Depth counts from where the steps before have put the probe. What is missing, ambiguous or
-not to be kept is a DeckError with its line.
+Depth is measured from the position of the probe after the earlier steps. A missing, ambiguous
+or unusable entry is a DeckError with its line.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,7 +19,7 @@ from itertools import chain
 
 import numpy as np
 
-from decks.inp import Block, Deck, Row, node_sets, squeezed
+from decks.inp import Block, Deck, Row, node_sets, normalized_name
 from decks.own_model import Request
 from fembridge.errors import DeckError
 
@@ -36,15 +36,21 @@ _TIMED = (
 )
 # Displacements along x, y, z.
 _TRANSLATIONS = range(1, 4)
-_SHOWN = 5  # displacements, of those to choose from
+_MAX_LISTED = 5  # displacements, of those to choose from
 _LAST_DEGREE = 100  # far beyond what any solver has
 # Degrees of freedom that Abaqus holds by a word.
-_HELD = {"XSYMM": (1, 1), "YSYMM": (2, 2), "ZSYMM": (3, 3), "ENCASTRE": (1, 6), "PINNED": (1, 3)}
+_HELD_DEGREES = {
+    "XSYMM": (1, 1),
+    "YSYMM": (2, 2),
+    "ZSYMM": (3, 3),
+    "ENCASTRE": (1, 6),
+    "PINNED": (1, 3),
+}
 _LOADS = ("CLOAD", "DLOAD", "DSLOAD", "TEMPERATURE")
 _DISPLACEMENT = ("", "DISPLACEMENT")
 # What makes of a condition something else than magnitude times amplitude.
 _FOREIGN = ("USER", "SUBMODEL", "FIXED", "MASSFLOW", "TIMEDELAY", "LOADCASE")
-_SAME = 1e-9
+_DEPTH_TOLERANCE = 1e-9
 # Options of *AMPLITUDE with the words that they may have; None: any.
 _CURVE_OPTIONS = {
     "NAME": None,
@@ -71,7 +77,7 @@ class Step:
         named = f" ({option.value})" if option is not None and option.value else ""
         return f"step {self.number}{named}, {self.head.where}"
 
-    def of(self, *keywords: str) -> list[Block]:
+    def blocks_of(self, *keywords: str) -> list[Block]:
         """The step's blocks that have one of `keywords`."""
         return [block for block in self.blocks if block.keyword in keywords]
 
@@ -85,7 +91,7 @@ class Push:
 
     block: Block
     row: Row
-    what: str
+    target: str
     axis: int
     magnitude: float
     by_request: bool = False
@@ -98,20 +104,20 @@ class Push:
     @property
     def name(self) -> str:
         """As ``--move`` names it."""
-        return f"{self.what},{self.axis}"
+        return f"{self.target},{self.axis}"
 
     @property
     def amplitude(self) -> str:
         """The amplitude that it is multiplied by; "" for none."""
-        return self.block.word("AMPLITUDE")
+        return self.block.value_of("AMPLITUDE")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
-    """What becomes the waveform, and the step that it runs in.
+    """The displacements that become the waveform, and their step.
 
     `amplitude` is the deck's own for it, None where it gets one. `factor` is the size of
-    the magnitudes that it is multiplied by, `stands` the depth in the deck's unit at
+    the magnitudes that it is multiplied by, `start_depth` the depth in the deck's unit at
     which the step finds the probe. The step begins at `start_s` of total time; None where
     that is not known.
     """
@@ -121,13 +127,13 @@ class Drive:
     steps: tuple[Step, ...]
     push: tuple[Push, ...]
     factor: float
-    stands: float
+    start_depth: float
     start_s: float | None
 
     @property
     def total_time(self) -> bool:
         """Whether the amplitude counts total time, not that of the step."""
-        return self.amplitude is not None and _in_total(self.amplitude)
+        return self.amplitude is not None and _counts_total_time(self.amplitude)
 
 
 def find_drive(deck: Deck, request: Request) -> Drive:
@@ -137,111 +143,129 @@ def find_drive(deck: Deck, request: Request) -> Drive:
     amplitude that something else needs too, or that cannot hold a waveform, stays as it is.
     """
     steps = _steps_of(deck)
-    able = [
+    candidates = [
         (step, push)
         for step in steps
-        for block in step.of("BOUNDARY")
+        for block in step.blocks_of("BOUNDARY")
         for push in _magnitudes(block, zero=request.move is not None)
-        if push.axis in _TRANSLATIONS and block.word("TYPE") in _DISPLACEMENT
+        if push.axis in _TRANSLATIONS and block.value_of("TYPE") in _DISPLACEMENT
     ]
-    name = "" if request.move else _amplitude(able, request)
-    what, axis, sign = request.moved or ("", 0, 0)
-    mine = [
+    name = "" if request.move else _amplitude_name(candidates, request)
+    target, axis, sign = request.moved or ("", 0, 0)
+    matches = [
         (step, push)
-        for step, push in able
+        for step, push in candidates
         if (not name or push.amplitude == name)
-        and (not axis or (squeezed(push.what), push.axis) == (what, axis))
+        and (not axis or (normalized_name(push.target), push.axis) == (target, axis))
     ]
-    wanted = f"anything by amplitude {name}" if name else request.move or "anything"
-    if not mine:
+    description = f"anything by amplitude {name}" if name else request.move or "anything"
+    if not matches:
         raise DeckError(
-            f"no *BOUNDARY of a step moves {wanted}; what moves there: {_listed(able) or 'nothing'}"
-            f" (the deck has {_known(deck)}){deck.unread}; write the probe's displacement into "
-            "its step, as PROBE, 2, 2, -0.1"
+            f"no *BOUNDARY of a step moves {description}; displacements: "
+            f"{_list_displacements(candidates) or 'none'} (the deck has {_list_amplitudes(deck)})"
+            f"{deck.unread}; write the probe's displacement into its step, as PROBE, 2, 2, -0.1"
         )
-    chosen = _chosen(steps, [step for step, _ in mine], wanted, request.step, last=not name)
-    push = [push for step, push in mine if step is chosen]
+    chosen_step = _select_step(
+        steps, [step for step, _ in matches], description, request.step, use_last=not name
+    )
+    pushes = [push for step, push in matches if step is chosen_step]
     if not name:
-        push = [_only_one(chosen, push, able, sign)]
-    for one in push:
-        _refuse_foreign(one.block, one.name)
-        if abs(one.magnitude) != abs(push[0].magnitude):
+        pushes = [_single_displacement(chosen_step, pushes, candidates, sign)]
+    first = pushes[0]
+    for push in pushes:
+        _refuse_foreign(push.block, push.name)
+        if abs(push.magnitude) != abs(first.magnitude):
             raise DeckError(
-                f"{one.where}: magnitude {one.magnitude:g}, but {push[0].magnitude:g} at "
-                f"{push[0].where}: one amplitude cannot give both the waveform's depth; --move "
-                f"{one.name} gives it one of its own"
+                f"{push.where}: magnitude {push.magnitude:g}, but {first.magnitude:g} at "
+                f"{first.where}: one amplitude cannot give both the waveform's depth; --move "
+                f"{push.name} gives it a separate one"
             )
     start_s = None
     with suppress(DeckError):
-        start_s = sum(_periods_s(deck, steps[: chosen.number])[:-1])
-    before = steps[: chosen.number - 1]
+        start_s = sum(_periods_s(deck, steps[: chosen_step.number])[:-1])
+    before = steps[: chosen_step.number - 1]
     sets = _sets(deck) if before else {}
-    stands = [np.sign(one.magnitude) * _standing(deck, before, one, sets) for one in push]
-    for one, place in zip(push, stands, strict=True):
-        if abs(place - stands[0]) > _SAME * abs(place):
+    depths = [
+        np.sign(push.magnitude) * _start_displacement(deck, before, push, sets) for push in pushes
+    ]
+    for push, depth in zip(pushes, depths, strict=True):
+        if abs(depth - depths[0]) > _DEPTH_TOLERANCE * abs(depth):
             raise DeckError(
-                f"{one.where}: {one.name} stands {place:g} deep when its step begins, but "
-                f"{push[0].name} {stands[0]:g}: one waveform cannot begin at both"
+                f"{push.where}: {push.name} is {depth:g} deep when its step begins, but "
+                f"{first.name} is {depths[0]:g} deep: one waveform cannot begin at both"
             )
-    curve = _own_curve(deck, push, start_s)
-    factor, first = abs(push[0].magnitude), float(stands[0])
-    return Drive(curve, chosen, tuple(steps), tuple(push), factor, first, start_s)
+    return Drive(
+        amplitude=_reusable_amplitude(deck, pushes, start_s),
+        step=chosen_step,
+        steps=tuple(steps),
+        push=tuple(pushes),
+        factor=abs(first.magnitude),
+        start_depth=float(depths[0]),
+        start_s=start_s,
+    )
 
 
-def _amplitude(able: list[tuple[Step, Push]], request: Request) -> str:
-    """The amplitude that is asked for, or the only one that moves something; "" for none."""
-    moving = {push.amplitude: push.block.where for _, push in reversed(able) if push.amplitude}
-    if OWN_AMPLITUDE in moving:
+def _amplitude_name(candidates: list[tuple[Step, Push]], request: Request) -> str:
+    """The requested amplitude, or the only one that moves something; "" if there is none."""
+    amplitudes = {
+        push.amplitude: push.block.where for _, push in reversed(candidates) if push.amplitude
+    }
+    if OWN_AMPLITUDE in amplitudes:
         return OWN_AMPLITUDE  # a deck that has been here before
     if request.amplitude:
-        return squeezed(request.amplitude)
-    if len(moving) > 1:
-        listed = ", ".join(f"{name} ({where})" for name, where in reversed(moving.items()))
+        return normalized_name(request.amplitude)
+    if len(amplitudes) > 1:
+        listed = ", ".join(f"{name} ({where})" for name, where in reversed(amplitudes.items()))
         raise DeckError(f"several amplitudes move something: {listed}; name one")
-    return next(iter(moving), "")
+    return next(iter(amplitudes), "")
 
 
-def _only_one(step: Step, found: list[Push], able: list[tuple[Step, Push]], sign: int) -> Push:
-    """The only displacement of `found`, in the direction `sign` where that is not 0."""
-    push = found[-1]  # the last line counts
-    if any(other.name != push.name for other in found):
+def _single_displacement(
+    step: Step, matches: list[Push], candidates: list[tuple[Step, Push]], sign: int
+) -> Push:
+    """The only displacement of `matches`, in the direction `sign` unless that is 0."""
+    push = matches[-1]  # the last line counts
+    if any(other.name != push.name for other in matches):
         raise step.head.error(
-            f"several displacements: {_listed(able)}; name one: --move {found[0].name}"
+            f"several displacements: {_list_displacements(candidates)}; "
+            f"name one: --move {matches[0].name}"
         )
     if sign and sign != np.sign(push.magnitude):
         push = replace(push, magnitude=float(sign), by_request=True)
     if push.magnitude == 0:
         raise DeckError(
             f"{push.where}: {push.name} is held at 0, which gives no direction; write "
-            f"--move {push.what},-{push.axis} where the skin is on the negative side, or +"
+            f"--move {push.target},-{push.axis} where the skin is on the negative side, or +"
         )
-    if push.row.whole(1) != push.row.whole(2, blank=push.axis):
+    if push.row.integer(1) != push.row.integer(2, blank=push.axis):
         raise DeckError(
-            f"{push.where}: degrees of freedom {push.row.words[1]} to {push.row.words[2]} "
+            f"{push.where}: degrees of freedom {push.row.fields[1]} to {push.row.fields[2]} "
             f"in one line; give {push.axis} a line of its own"
         )
     return push
 
 
-def _own_curve(deck: Deck, push: list[Push], start_s: float | None) -> Block | None:
-    """The deck's amplitude of `push`, where it can hold a waveform and moves nothing else."""
-    name, ours = push[0].amplitude, {one.where for one in push}
+def _reusable_amplitude(deck: Deck, push: list[Push], start_s: float | None) -> Block | None:
+    """The amplitude of `push`, if it can hold a waveform and has no other user; else None."""
+    name, waveform_lines = push[0].amplitude, {line.where for line in push}
     for block in deck.blocks:
-        if block.word("AMPLITUDE") == name and block.keyword != "STEP":
-            moved = _magnitudes(block) if block.keyword == "BOUNDARY" else [None]
-            if any(one is None or one.where not in ours for one in moved):
+        if block.value_of("AMPLITUDE") == name and block.keyword != "STEP":
+            pushes = _magnitudes(block) if block.keyword == "BOUNDARY" else [None]
+            if any(line is None or line.where not in waveform_lines for line in pushes):
                 return None
     with suppress(DeckError):
         curve = _definition(deck, name)
         texts = [curve.text, *(row.text for row in curve.rows())]
-        if not any(text.name for text in texts) and not (_in_total(curve) and start_s is None):
+        if not any(text.name for text in texts) and not (
+            _counts_total_time(curve) and start_s is None
+        ):
             return curve
     return None
 
 
-def _in_total(curve: Block) -> bool:
+def _counts_total_time(curve: Block) -> bool:
     """Whether an amplitude counts total time, not that of the step."""
-    return curve.word("TIME") == "TOTALTIME"
+    return curve.value_of("TIME") == "TOTALTIME"
 
 
 def _steps_of(deck: Deck) -> list[Step]:
@@ -267,60 +291,65 @@ def _steps_of(deck: Deck) -> list[Step]:
     return steps
 
 
-def _listed(able: list[tuple[Step, Push]]) -> str:
+def _list_displacements(candidates: list[tuple[Step, Push]]) -> str:
     """The displacements to choose from, those that move first."""
-    moving = sorted((push for _, push in able), key=lambda push: push.magnitude == 0)
+    moving = sorted((push for _, push in candidates), key=lambda push: push.magnitude == 0)
     names = list(dict.fromkeys(f"{push.name} ({push.where})" for push in moving))
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return "; ".join(names[:_SHOWN]) + more
+    more = f" and {len(names) - _MAX_LISTED} more" if len(names) > _MAX_LISTED else ""
+    return "; ".join(names[:_MAX_LISTED]) + more
 
 
-def _known(deck: Deck) -> str:
+def _list_amplitudes(deck: Deck) -> str:
     names = [
-        f"{block.word('NAME') or 'one without a name'} ({block.where})"
-        for block in deck.of("AMPLITUDE")
+        f"{block.value_of('NAME') or 'one without a name'} ({block.where})"
+        for block in deck.blocks_of("AMPLITUDE")
     ]
     return f"the amplitudes {', '.join(names)}" if names else "no *AMPLITUDE"
 
 
 def _definition(deck: Deck, name: str) -> Block:
     """The amplitude `name`, of a kind whose data are times and values, linear between them."""
-    found = [block for block in deck.of("AMPLITUDE") if block.word("NAME") == name]
-    if len(found) != 1:
-        raise DeckError(f"{len(found)} *AMPLITUDE, NAME={name}; the deck has {_known(deck)}")
-    (curve,) = found
+    curves = [block for block in deck.blocks_of("AMPLITUDE") if block.value_of("NAME") == name]
+    if len(curves) != 1:
+        raise DeckError(
+            f"{len(curves)} *AMPLITUDE, NAME={name}; the deck has {_list_amplitudes(deck)}"
+        )
+    (curve,) = curves
     for option in curve.options:
-        words = _CURVE_OPTIONS.get(option.name, ())
-        if words is not None and option.word not in words:
-            said = option.name if option.value is None else f"{option.name}={option.value}"
-            raise curve.error(f"*AMPLITUDE with {said}: its value at a time is not known")
+        choices = _CURVE_OPTIONS.get(option.name, ())
+        if choices is not None and option.normalized not in choices:
+            option_text = option.name if option.value is None else f"{option.name}={option.value}"
+            raise curve.error(f"*AMPLITUDE with {option_text}: its value at a time is not known")
     return curve
 
 
-def _chosen(
-    steps: list[Step], mine: list[Step], name: str, wanted: str | None, *, last: bool
+def _select_step(
+    steps: list[Step], candidates: list[Step], name: str, requested: str | None, *, use_last: bool
 ) -> Step:
-    """The step that is `wanted`, else the only one of `mine`, which have `name`, or the last."""
-    mine = list({step.number: step for step in mine}.values())
-    if wanted is None:
-        if len(mine) > 1 and not last:
-            listed = "; ".join(step.name for step in mine)
+    """The requested step, else the only one (or the last) of `candidates`, which move `name`."""
+    candidates = list({step.number: step for step in candidates}.values())
+    if requested is None:
+        if len(candidates) > 1 and not use_last:
+            listed = "; ".join(step.name for step in candidates)
             raise DeckError(f"several steps move {name}: {listed}; name one")
-        return mine[-1]
+        return candidates[-1]
     for step in steps:
-        if wanted.strip() == str(step.number) or step.head.word("NAME") == squeezed(wanted) != "":
-            if step in mine:
+        if (
+            requested.strip() == str(step.number)
+            or step.head.value_of("NAME") == normalized_name(requested) != ""
+        ):
+            if step in candidates:
                 return step
-            there = "; ".join(one.name for one in mine)
-            raise step.head.error(f"no *BOUNDARY here moves {name}; steps that do: {there}")
-    known = "; ".join(step.name for step in steps)
-    raise DeckError(f"no step {wanted!r} in the deck; it has: {known}")
+            available = "; ".join(step.name for step in candidates)
+            raise step.head.error(f"no *BOUNDARY here moves {name}; steps that do: {available}")
+    names = "; ".join(step.name for step in steps)
+    raise DeckError(f"no step {requested!r} in the deck; it has: {names}")
 
 
 def _refuse_foreign(block: Block, name: str) -> None:
-    foreign = [word for word in _FOREIGN if block.option(word) is not None]
-    if block.word("TYPE") not in _DISPLACEMENT:
-        foreign = [f"TYPE={block.word('TYPE')}"]
+    foreign = [name for name in _FOREIGN if block.option(name) is not None]
+    if block.value_of("TYPE") not in _DISPLACEMENT:
+        foreign = [f"TYPE={block.value_of('TYPE')}"]
     if foreign:
         raise block.error(
             f"{block.title} with {foreign[0]}: {name} would not follow the waveform, a displacement"
@@ -328,52 +357,52 @@ def _refuse_foreign(block: Block, name: str) -> None:
 
 
 def _magnitudes(block: Block, *, zero: bool = False) -> Iterator[Push]:
-    """What a ``*BOUNDARY`` moves, with `zero` also what it holds."""
+    """Displacements that a ``*BOUNDARY`` prescribes; with `zero`, also those of 0."""
     for row in block.rows():
-        what, first, *_ = (*row.words, "")
+        target, first, *_ = (*row.fields, "")
         if first.isascii() and first.isdigit():
-            axis, magnitude = row.whole(1), row.number(3, blank=0.0)
-            last = row.whole(2, blank=axis)
+            axis, magnitude = row.integer(1), row.number(3, blank=0.0)
+            last = row.integer(2, blank=axis)
         else:
-            axis, last = _HELD.get(squeezed(first), (1, 0))
+            axis, last = _HELD_DEGREES.get(normalized_name(first), (1, 0))
             magnitude = 0.0
         if magnitude or zero:
-            for one in range(axis, min(last, _LAST_DEGREE) + 1):
-                yield Push(block, row, what, one, magnitude)
+            for degree in range(axis, min(last, _LAST_DEGREE) + 1):
+                yield Push(block, row, target, degree, magnitude)
 
 
 # ---- Where the steps before leave the probe
 
 
-def _standing(
+def _start_displacement(
     deck: Deck, steps: Sequence[Step], push: Push, sets: Mapping[str, list[range]]
 ) -> float:
     """The displacement of what `push` moves at the end of `steps`, in the deck's unit."""
-    held: Push | None = None
-    place = 0.0
+    prescribed: Push | None = None
+    displacement = 0.0
     for block in deck.blocks:
         if block.keyword == "STEP":
             break
         if block.keyword == "BOUNDARY":
-            held = _covering(block, push, sets) or held
+            prescribed = _prescribing_line(block, push, sets) or prescribed
     for step in steps:
-        conditions = step.of("BOUNDARY")
-        if any(block.word("OP") == "NEW" for block in conditions):
-            held = None
+        conditions = step.blocks_of("BOUNDARY")
+        if any(block.value_of("OP") == "NEW" for block in conditions):
+            prescribed = None
         for block in conditions:
-            held = _covering(block, push, sets) or held
+            prescribed = _prescribing_line(block, push, sets) or prescribed
         moving = chain.from_iterable(map(_magnitudes, conditions))
-        if held is None:
-            acting = [one.where for one in moving if one.axis in _TRANSLATIONS]
-            if acting := acting or [one.where for one in step.of(*_LOADS)]:
+        if prescribed is None:
+            acting = [line.where for line in moving if line.axis in _TRANSLATIONS]
+            if acting := acting or [line.where for line in step.blocks_of(*_LOADS)]:
                 raise DeckError(
-                    f"{push.where}: where {push.what} stands when its step begins is not known: "
+                    f"{push.where}: where {push.target} stands when its step begins is not known: "
                     f"step {step.number} ({acting[0]}) leaves its degree of freedom {push.axis} "
                     "free; prescribe it there"
                 )
-        elif held.block.option("FIXED") is None:
-            place = _at_end(deck, steps[: step.number], held)
-    return place
+        elif prescribed.block.option("FIXED") is None:
+            displacement = _end_displacement(deck, steps[: step.number], prescribed)
+    return displacement
 
 
 def _sets(deck: Deck) -> Mapping[str, list[range]]:
@@ -384,52 +413,56 @@ def _sets(deck: Deck) -> Mapping[str, list[range]]:
         return {}
 
 
-def _covering(block: Block, push: Push, sets: Mapping[str, list[range]]) -> Push | None:
+def _prescribing_line(block: Block, push: Push, sets: Mapping[str, list[range]]) -> Push | None:
     """The last line of `block` that prescribes what `push` moves, along its axis."""
 
-    def nodes(what: str) -> set[int]:
-        if what.isascii() and what.isdigit():
-            return {int(what)}
-        return set(chain.from_iterable(sets.get(squeezed(what), ())))
+    def nodes(target: str) -> set[int]:
+        if target.isascii() and target.isdigit():
+            return {int(target)}
+        return set(chain.from_iterable(sets.get(normalized_name(target), ())))
 
-    found = None
-    mine = nodes(push.what)
-    for one in _magnitudes(block, zero=True):
-        if one.axis != push.axis:
+    match = None
+    own_nodes = nodes(push.target)
+    for line in _magnitudes(block, zero=True):
+        if line.axis != push.axis:
             continue
-        theirs = nodes(one.what)
-        if squeezed(one.what) == squeezed(push.what) or (mine and mine <= theirs):
-            found = one
-        elif mine & theirs:
+        line_nodes = nodes(line.target)
+        if normalized_name(line.target) == normalized_name(push.target) or (
+            own_nodes and own_nodes <= line_nodes
+        ):
+            match = line
+        elif own_nodes & line_nodes:
             raise DeckError(
-                f"{one.where}: prescribes a part of {push.what} ({push.where}) alone: where that "
-                "stands when the waveform begins is not one depth"
+                f"{line.where}: prescribes only a part of {push.target} ({push.where}), which "
+                "is then at more than one depth when the waveform begins"
             )
-    return found
+    return match
 
 
-def _at_end(deck: Deck, steps: Sequence[Step], held: Push) -> float:
+def _end_displacement(deck: Deck, steps: Sequence[Step], prescribed: Push) -> float:
     """The displacement that `held` prescribes at the end of the last of `steps`."""
-    _refuse_foreign(held.block, held.name)
-    name = held.block.word("AMPLITUDE")
+    _refuse_foreign(prescribed.block, prescribed.name)
+    name = prescribed.block.value_of("AMPLITUDE")
     if not name:
-        return held.magnitude
+        return prescribed.magnitude
     curve = _definition(deck, name)
     periods_s = _periods_s(deck, steps)
-    end_s = sum(periods_s) if _in_total(curve) else periods_s[-1]
-    words = [(row, at) for row in curve.rows() for at, word in enumerate(row.words) if word]
-    numbers = [row.number(at) for row, at in words]
+    end_s = sum(periods_s) if _counts_total_time(curve) else periods_s[-1]
+    cells = [
+        (row, index) for row in curve.rows() for index, field in enumerate(row.fields) if field
+    ]
+    numbers = [row.number(index) for row, index in cells]
     if not numbers or len(numbers) % 2:
         raise curve.error(f"amplitude {name} has {len(numbers)} numbers, expected pairs")
-    return held.magnitude * float(np.interp(end_s, numbers[::2], numbers[1::2]))
+    return prescribed.magnitude * float(np.interp(end_s, numbers[::2], numbers[1::2]))
 
 
 def _periods_s(deck: Deck, steps: Sequence[Step]) -> list[float]:
     """How long each of `steps` takes, from total time 0 on."""
-    clocks = [(one, "READ") for one in deck.of("RESTART")]
+    clocks = [(block, "READ") for block in deck.blocks_of("RESTART")]
     periods_s = []
     for step in steps:
-        procedures = step.of(*_TIMED)
+        procedures = step.blocks_of(*_TIMED)
         if len(procedures) != 1:
             raise step.head.error(
                 "how long this step takes is not known (no *STATIC, *DYNAMIC, *VISCO), "

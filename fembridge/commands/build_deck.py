@@ -10,18 +10,22 @@ unchanged to the byte but for the waveform, the increments and the output.
 """
 
 import argparse
+import re
 from typing import Any
 
 from decks.dialects import DIALECTS, INCREMENTS, PROBES, RESULTS
 from decks.unit_system import LENGTH_UNITS
 from fembridge.commands.options import (
+    NODE,
+    PROBE_USES,
     SOLVING,
     STIMULUS,
+    WAVE_USES,
     Several,
+    Use,
     add_from,
     add_output_option,
     add_probe_options,
-    option,
     probe_from,
     words_of,
 )
@@ -29,6 +33,25 @@ from fembridge.errors import UsageError
 from fembridge.terminal import log
 
 EXAMPLE = "fembridge build-deck --stimulus noise_25_250 -o runs"
+
+_OF_OUR_FINGER = (
+    "--finger --probe-shape --probe-diameter-mm --probe-fillet-mm --probe-x-mm --whole-section "
+    "--inertia --law --element --contact --stiffness-mpa-per-mm --friction --probe-body"
+)
+_OF_AN_OWN_MODEL = "--afferent --amplitude --move --step --length-unit --increments"
+
+USES = (
+    Use(_OF_OUR_FINGER, "our finger; --base-deck brings its own", lambda args: not args.base_deck),
+    Use(_OF_AN_OWN_MODEL, "--base-deck", lambda args: args.base_deck),
+    *PROBE_USES,
+    *WAVE_USES,
+    Use("--ascii", "decks without --results", lambda args: "--results" not in args.explicit),
+    Use(
+        "--whole-section",
+        "--solver calculix; decks for the others always have both halves",
+        lambda args: args.solver in (None, "calculix"),
+    ),
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -118,7 +141,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "and results come at the samples all the same",
         ),
     )
-    parser.set_defaults(ours=ours, own=own)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -128,13 +150,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     remarks: list[str] = []  # said at the end
     words = words_of(args, build_deck)
     if args.base_deck is None:
-        if given := _given(args, args.own):
-            raise UsageError(f"{', '.join(given)}: for --base-deck alone")
         words["probe"] = probe_from(args)
     else:
-        for each in _given(args, args.ours):
-            if each not in ("--results", "--frames"):
-                raise UsageError(f"{each} is for our finger; --base-deck brings its own")
         names = [name for name, _ in args.afferent]
         if len(set(names)) < len(names):
             raise UsageError(f"--afferent names {max(names, key=names.count)} twice")
@@ -164,21 +181,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {"finger": finger["name"], "solver": solver, "folders": rows}
 
 
-def _given(args: argparse.Namespace, group: argparse._ArgumentGroup) -> list[str]:
-    """Those of a group's options that are not as usual."""
-    usual = {action.dest: action.default for action in group._group_actions}
-    return [option(name) for name in usual if getattr(args, name) != usual[name]]
-
-
 def _afferent(word: str) -> tuple[str, int]:
     """``SA=NODE`` as class and node."""
     from fembridge.tables import AFFERENTS
 
-    name, _, node = word.partition("=")
-    if not name or not node.isdecimal():
+    name, equals, node = word.partition("=")
+    if not name or not equals or not re.fullmatch("[0-9]+", node):
         raise argparse.ArgumentTypeError(f"expected NAME=NODE, got {word!r}")
     if name not in AFFERENTS:  # `fembridge encode` would refuse its trace
         raise argparse.ArgumentTypeError(
             f"afferent {name!r}, expected one of {', '.join(AFFERENTS)}"
         )
-    return name, int(node)
+    return name, int(NODE(node))

@@ -9,7 +9,7 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from fembridge.commands import Content, write_files, written
-from fembridge.commands.options import add_from, add_output_option, option, words_of
+from fembridge.commands.options import NUMBERS, Use, add_from, add_output_option, words_of
 from fembridge.solver.settings import SolverSettings
 from fembridge.terminal import SolverBars, log, print_table
 
@@ -22,6 +22,14 @@ EXAMPLE = "fembridge deflect -o deflection"
 
 TABLE_FILE = "deflection.csv"
 PICTURE_FILE = "deflection.png"
+
+USES = (
+    Use(
+        "--depth-mm --threads --time-limit --no-cache",
+        "--solver run",
+        lambda args: args.solver == "run",
+    ),
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,7 +46,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     source.add_argument("--stored", action="store_true", help="take what is stored (the default)")
     parser.add_argument(
-        "--depth-mm", type=float, metavar="D", help="how deep, where it is solved (default: 1)"
+        "--depth-mm",
+        type=NUMBERS["depth_mm"],
+        metavar="D",
+        help="how deep, where it is solved (default: 1)",
     )
     add_from(parser, SolverSettings, "threads", "time_limit_s", "cache")
     add_output_option(parser, default="deflection")
@@ -48,15 +59,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Read or solve the profiles, write them; the summary holds them."""
     import numpy as np
 
-    from fembridge.errors import UsageError
     from fembridge.plots.response import deflection_figure
     from fembridge.response.deflection import convergence, stored_deflection, stored_deflections
     from fembridge.store import check_output
     from fembridge.tables import write_table
 
-    for name in ("depth_mm", "threads", "time_limit_s"):
-        if args.solver is None and getattr(args, name) is not None:
-            raise UsageError(f"{option(name)} is for --solver run")
     if args.solver is not None:
         check_output(args.output, TABLE_FILE, PICTURE_FILE)
         shown = [_solved(args)]

@@ -13,13 +13,16 @@ from typing import TYPE_CHECKING, Any
 
 from fembridge.commands import written
 from fembridge.commands.options import (
+    NUMBERS,
     STORED_FINGER,
     Several,
+    Use,
     add_from,
     add_output_option,
     words_of,
 )
-from fembridge.terminal import INTERRUPTED, Notes, print_table
+from fembridge.interrupt import INTERRUPTED
+from fembridge.terminal import Notes, print_table
 
 if TYPE_CHECKING:
     from fembridge.fitting.fit import Fit
@@ -28,6 +31,8 @@ EXAMPLE = "fembridge fit --observed rates.csv --afferent RA --seed 1 -o fit"
 
 LIST = "list"
 EVERY = "all"
+
+USES = (Use("--spike-distance", "--spikes", lambda args: args.spikes is not None),)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,11 +62,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_from(parser, api.fit, cells=("N", "of the population (default: the model's own number)"))
     unseen = "stimuli to fit; the others of the table are judged, unseen"
     add_from(parser, api.fit, family=(("sine", "diharm", "noise", EVERY), unseen))
-    numbers: dict[str, Any] = {"type": int, "metavar": "N"}
     tried = "candidates that are tried (default: %(default)d)"
-    add("--evaluations", **numbers, default=EVALUATIONS, help=tried)
+    search: dict[str, Any] = {"type": NUMBERS["evaluations"], "metavar": "N"}
+    add("--evaluations", **search, default=EVALUATIONS, help=tried)
     generation = "candidates of a generation (default: %(default)d)"
-    add("--population", **numbers, default=POPULATION, help=generation)
+    search["type"] = NUMBERS["population"]
+    add("--population", **search, default=POPULATION, help=generation)
     evidence = "fit threshold amplitudes too: thresholds_freeman_johnson_1982, or a table "
     evidence += "afferent,criterion,frequency_hz,amplitude_um"
     trains = "fit spike times too, with a latency: a table "

@@ -15,11 +15,19 @@ unless --partial takes what is whole.
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import Several, Words, column
+from fembridge.commands.options import (
+    NODE,
+    NUMBERS,
+    Several,
+    Use,
+    Words,
+    check_uses,
+    column,
+)
 
 if TYPE_CHECKING:
     from fembridge.results import Result
@@ -28,27 +36,37 @@ if TYPE_CHECKING:
 EXAMPLE = "fembridge ingest sine_20_250/job.frd -o traces.csv"
 LAST = "last"  # increment
 ALL = "all"  # nodes
+_SELECTIONS = {"--node", "--set", "--near", "--afferents", "--point", "--field", "--vtu"}
+# Without a choice of nodes they would do nothing.
+_OF_NODES = {
+    *("--afferents", "--output", "--quantity", "--resample-ms", "--modes", "--deck"),
+    *("--extrapolate", "--von-mises", "--across-materials"),
+}
+# Of nodes themselves, not of elements.
+_NODAL = {"displacement", "reaction-force", "reaction force", "external force"}
 _SHOWN = 12  # nodes, a line each
 _ROWS_AT_ONCE = 1 << 16
 
 
 def node(text: str) -> int | str:
     """A number, or ``all``."""
-    return text if text == ALL else int(text)
+    return text if text == ALL else int(NODE(text))
 
 
-def place(text: str) -> tuple[float, ...]:
+def position_mm(text: str) -> tuple[float, ...]:
     """``X,Y`` or ``X,Y,Z``."""
-    values = tuple(float(word) for word in text.split(","))
+    values = tuple(map(NUMBERS["near_mm"], text.split(",")))
     if len(values) not in (2, 3):
-        raise ValueError(text)
+        raise argparse.ArgumentTypeError(f"{text!r}, expected X,Y or X,Y,Z")
     return values
 
 
 def point(text: str) -> tuple[int, int]:
     """``ELEMENT:POINT``."""
-    element, _, number = text.partition(":")
-    return int(element), int(number)
+    element, colon, number = text.partition(":")
+    if not colon:
+        raise argparse.ArgumentTypeError(f"{text!r}, expected ELEMENT:POINT")
+    return int(NODE(element)), int(NODE(number))
 
 
 _MANY: dict[str, Any] = {"action": Several}
@@ -75,7 +93,7 @@ _OPTIONS: dict[str, Sequence[tuple[str, str, dict[str, Any]]]] = {
          {"metavar": "NAME", "dest": "sets", **_MANY}),
         ("--near", "the node with results nearest to a place in mm of the undeformed mesh; "
          "several as words or by repetition",
-         {"type": place, "metavar": "X,Y[,Z]", "action": Words}),
+         {"type": position_mm, "metavar": "X,Y[,Z]", "action": Words}),
         ("--deck", "where --set looks (default: the sets in a .t16 or .t19; of a .frd the deck "
          "of the same name in .inp)", {"type": Path, "metavar": "DECK"}),
         ("--afferents", "the nodes of run.toml's afferents (the default where there is one)", _YES),
@@ -83,7 +101,7 @@ _OPTIONS: dict[str, Sequence[tuple[str, str, dict[str, Any]]]] = {
          "allow nodes between two materials, where stress is a mean over both", _YES),
         ("--resample-ms", "an even step, by PCHIP of the stress tensor or of the --quantity; "
          "nothing before the first or after the last increment is made up",
-         {"type": float, "metavar": "DT"}),
+         {"type": NUMBERS["resample_ms"], "metavar": "DT"}),
         ("--modes", "the modes of frequency and buckling steps, of a file that has times too",
          _YES),
         ("--one-sided", "of such --node, the stress in each material separately; of a .frd from "
@@ -121,6 +139,65 @@ _OPTIONS: dict[str, Sequence[tuple[str, str, dict[str, Any]]]] = {
 }  # fmt: skip
 
 
+def _uses(kind: str, suffix: str) -> tuple[Use, ...]:
+    """What options are for, where `kind`, see `_kind`, is taken of a file with this `suffix`."""
+    from fembridge.results.history import VON_MISES
+
+    of_dat = kind == "table" and suffix == ".dat"
+
+    def kinds(*names: str) -> Callable[[argparse.Namespace], bool]:
+        return lambda args: kind in names
+
+    return (
+        Use("--output", "what is written, not for --list", lambda args: not args.list),
+        Use(
+            "--stress-unit --length-unit",
+            "stress and lengths, which are not taken here",
+            lambda args: of_dat or not (args.list or kind == "table"),
+        ),
+        Use("--deck", "--set", lambda args: args.sets),
+        Use("--set --near", "chosen nodes, not for --node all", lambda args: args.node != [ALL]),
+        Use("--print-set", "--point", kinds("point")),
+        Use("--increment", "--field", kinds("field")),
+        Use("--derived", "--vtu", kinds("vtu")),
+        Use(
+            "--quantity",
+            "a table at nodes or points, a table of a .dat, or --vtu",
+            lambda args: of_dat or kind in ("traces", "point", "vtu"),
+        ),
+        Use("--resample-ms", "a table at nodes or points", kinds("traces", "point")),
+        Use("--modes", "a table at nodes, or --vtu", kinds("traces", "vtu")),
+        Use(
+            "--von-mises",
+            "von Mises stress at nodes",
+            lambda args: kind == "traces" and _names(args) <= {VON_MISES},
+        ),
+        Use(
+            "--across-materials",
+            "stress or strain at nodes",
+            lambda args: (
+                kind == "traces" and suffix in (".frd", ".t16", ".t19") and not _is_nodal(args)
+            ),
+        ),
+        Use(
+            "--extrapolate",
+            "values carried to nodes",
+            lambda args: kind in ("traces", "sides", "field", "vtu") and not _is_nodal(args),
+        ),
+        Use("--one-sided", "--node N of a .frd, .t16 or .t19", kinds("sides")),
+    )
+
+
+def _names(args: argparse.Namespace) -> set[str]:
+    """Quantities that --quantity names, in lower case."""
+    return {name.lower() for name in args.quantity or ()}
+
+
+def _is_nodal(args: argparse.Namespace) -> bool:
+    """Whether all that --quantity names is of nodes, without elements."""
+    return bool(args.quantity) and _names(args) <= _NODAL
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
     files = "a .frd, .dat, .sta or .cvg of CalculiX; a .t16, .t19 or .sts of Marc; "
@@ -129,9 +206,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("result", type=Path, metavar="RESULT", help=files)
     for title, options in _OPTIONS.items():
         group = parser.add_argument_group(title) if title else parser
-        for option, words, how in options:
+        for option, help_text, settings in options:
             short = ("-o",) if option == "--output" else ()
-            group.add_argument(*short, option, help=words, **how)
+            group.add_argument(*short, option, help=help_text, **settings)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -147,7 +224,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         extrapolate=args.extrapolate,
         von_mises=args.von_mises,
         columns=dict(args.columns) if args.columns else None,
-        log=lambda words: print(f"{args.result}: {words}", file=sys.stderr),
+        log=lambda line: print(f"{args.result}: {line}", file=sys.stderr),
     ) as result:
         return _run(args, result)
 
@@ -163,39 +240,57 @@ def _run(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
         if is_marc_deck(path):
             return _deck(args, path)
     kind = _kind(args, result)
-    foreign = kind == "traces" and result.run is None
-    if kind == "list" or (foreign and _nothing_chosen(args, result)):
-        held = result.source.describe()
-        ways = [] if kind == "list" else _ways(args, result)
+    check_uses(args, _uses(kind, suffix))
+    foreign = kind == "traces" and (result.run is None or not result.run.afferents)
+    if kind == "list" or (foreign and _has_no_nodes(args, result)):
+        description = result.source.describe()
+        commands = [] if kind == "list" else _extraction_commands(args, result)
         if not args.json:
-            _show(path, held)
-            print(*ways, sep="\n", end="\n" if ways else "")
-        return held | ({"commands": ways} if ways else {})
+            _print_description(path, description)
+            print(*commands, sep="\n", end="\n" if commands else "")
+        return description | ({"commands": commands} if commands else {})
     if args.output and kind not in ("field", "vtu") and args.output.suffix.lower() != ".csv":
         raise UsageError(f"{args.output}: a table is written as .csv, name it so")
     write = {
         "traces": _traces, "point": _traces, "sides": _sides, "table": _table, "field": _field,
         "vtu": _vtu,
     }[kind]  # fmt: skip
-    summary, words, rows = write(args, result)
+    summary, headline, lines = write(args, result)
     if kind != "table" or suffix == ".dat":
-        ours = kind == "traces" and result.run is not None
-        words += _units_taken(args, result.source.options, summary, ours)
+        from_run = kind == "traces" and result.run is not None
+        headline += _unit_note(args, result.source.options, summary, from_run)
     if not args.json:
-        print(f"{summary['output']}: {words}", *(f"  {row}" for row in rows), sep="\n")
+        print(f"{summary['output']}: {headline}", *(f"  {row}" for row in lines), sep="\n")
     return summary
 
 
-def _units_taken(
-    args: argparse.Namespace, options: "ReadOptions", summary: dict[str, Any], ours: bool
+def _refuse_unused_units(
+    args: argparse.Namespace, options: "ReadOptions", quantity: str, units: Sequence[str]
+) -> None:
+    """Refuse a unit of stress where nothing, or the name of a column, is in another one."""
+    from fembridge.errors import UsageError
+    from fembridge.results.columns import stress_units_in
+
+    if "--stress-unit" not in args.explicit:
+        return
+    if not {"Pa", "N"} & set(units):
+        raise UsageError(f"--stress-unit is for stress or forces, not for {quantity}")
+    if options.columns:
+        unit, is_open = stress_units_in(options.columns, options.stress_unit)
+        if not is_open:
+            raise UsageError(f"--stress-unit is for columns whose names state no unit, not {unit}")
+
+
+def _unit_note(
+    args: argparse.Namespace, options: "ReadOptions", summary: dict[str, Any], from_run: bool
 ) -> str:
     """The unit that the file was taken to be in, in words and in the `summary`."""
-    taken, open_to = options.stress_unit, True
+    unit, is_open = options.stress_unit, True
     if options.columns:
         from fembridge.results.columns import stress_units_in
 
-        taken, open_to = stress_units_in(options.columns, taken)
-    summary["stress_unit"] = taken
+        unit, is_open = stress_units_in(options.columns, unit)
+    summary["stress_unit"] = unit
     if "mm" in summary.get("units", ()):
         summary["length_unit"] = options.length_unit
         hint = " (--length-unit says otherwise)" if args.length_unit is None else ""
@@ -203,8 +298,8 @@ def _units_taken(
     if summary.get("units", ("Pa",))[0] != "Pa":
         return ""
     hint = " (--stress-unit says otherwise)"
-    asked = args.stress_unit is not None or ours or not open_to
-    return f"; stress in the file taken as {taken}{'' if asked else hint}"
+    unit_is_certain = args.stress_unit is not None or from_run or not is_open
+    return f"; stress in the file taken as {unit}{'' if unit_is_certain else hint}"
 
 
 def _kind(args: argparse.Namespace, result: "Result") -> str:
@@ -215,46 +310,48 @@ def _kind(args: argparse.Namespace, result: "Result") -> str:
     from fembridge.results.readers import PRINTS
 
     path, suffix = result.source.path, suffix_of(result.source.path)
-    given = {"--node": args.node, "--set": args.sets, "--near": args.near}
-    by_node = [word for word, value in given.items() if value]
-    given = {"--list": args.list, "--vtu": args.vtu, "--field": args.field, "--point": args.point}
-    asked = [word for word, value in given.items() if value]
-    asked += [*by_node, "--afferents"] if args.afferents else by_node[:1]
-    word = asked[0] if asked else ""
+    if args.afferents and result.run is None and result.trouble is None:
+        raise UsageError(f"{path}: --afferents is for a file with a run.toml beside it")
+    node_options = {"--node": args.node, "--set": args.sets, "--near": args.near}
+    by_node = [option for option, value in node_options.items() if value]
+    output_options = {
+        "--list": args.list,
+        "--vtu": args.vtu,
+        "--field": args.field,
+        "--point": args.point,
+    }
+    requested = [option for option, value in output_options.items() if value]
+    requested += [*by_node, "--afferents"] if args.afferents else by_node[:1]
+    option = requested[0] if requested else ""
     sides = args.one_sided is not None
-    whole = word in ("--list", "--vtu", "--field")
+    is_file_wide = option in ("--list", "--vtu", "--field")
     printed = suffix in PRINTS
     if suffix == ".dat" and not (args.point or args.quantity or args.list):
         # Abaqus prints at nodes, too, and its runs are read there.
-        ours = result.run is not None and result.run.solver == "abaqus"
-        printed = not ((by_node or args.afferents or ours) and is_abaqus(path))
+        from_abaqus = result.run is not None and result.run.solver == "abaqus"
+        printed = not ((by_node or args.afferents or from_abaqus) and is_abaqus(path))
     misuse = (
-        (len(asked) > 1, " and ".join(asked[:2]) + " do not go together"),
-        (printed and word not in ("", "--list", "--point"), f"{word} is for a .frd, .t16 or .t19"),
+        (len(requested) > 1, " and ".join(requested[:2]) + " do not go together"),
+        (
+            printed and option not in ("", "--list", "--point"),
+            f"{option} is for a .frd, .t16 or .t19",
+        ),
         (args.point and suffix != ".dat", "--point is for a .dat"),
-        (args.increment != LAST and word != "--field", "--increment is for --field"),
-        (args.derived and word != "--vtu", "--derived is for --vtu"),
         (
             sides and (printed or by_node != ["--node"]),
             "--one-sided is for the --node of a .frd, .t16 or .t19",
         ),
         (sides and args.von_mises, "--one-sided and --von-mises do not go together"),
         (sides and ALL in (args.node or ()), "--one-sided takes numbers of nodes"),
-        (
-            (whole or sides or (printed and word != "--point"))
-            and (args.resample_ms is not None or (args.modes and word != "--vtu")),
-            "--resample-ms and --modes are for a table at nodes or points (--modes for --vtu, too)",
-        ),
-        (whole and args.von_mises, f"{word} and --von-mises do not go together"),
     )
-    for wrong, words in misuse:
+    for wrong, message in misuse:
         if wrong:
-            raise UsageError(f"{path}: {words}")
+            raise UsageError(f"{path}: {message}")
     if sides:
         return "sides"
-    if whole or word == "--point":
-        return word.removeprefix("--")
-    if not word and path.suffix.lower() == ".txt":
+    if is_file_wide or option == "--point":
+        return option.removeprefix("--")
+    if not option and path.suffix.lower() == ".txt":
         return "traces" if result.source.describe()["over_time"] else "table"
     return "table" if printed else "traces"
 
@@ -266,27 +363,27 @@ Written = tuple[dict[str, Any], str, list[str]]
 def _traces(args: argparse.Namespace, result: "Result") -> Written:
     """A quantity at chosen nodes, or traces at points, or of the afferents of ``run.toml``."""
     from fembridge.errors import UsageError
-    from fembridge.results.history import VON_MISES
+    from fembridge.results.history import STRESS, VON_MISES
     from fembridge.tables import write_origin, write_table
 
     quantity, origin = _one_quantity(args, result.source.path), None
     if args.point:
         from fembridge.results.printed import read_point_history
 
-        found = read_point_history(
+        history = read_point_history(
             result.source.path, args.point, args.print_set, result.source.options
         )
-        found = found.taken(quantity or VON_MISES, args.resample_ms, result.source.options.log)
+        history = history.taken(quantity or VON_MISES, args.resample_ms, result.source.options.log)
     else:
-        every = args.node == [ALL]
-        if ALL in (args.node or ()) and not every:
+        all_nodes = args.node == [ALL]
+        if ALL in (args.node or ()) and not all_nodes:
             raise UsageError(f"{result.source.path}: --node all or numbers, not both")
         plain = (quantity or VON_MISES).lower() == VON_MISES
-        from_start = result.run is not None and plain and not (every or args.modes)
-        found = result.history(
-            None if every else args.node,
+        from_start = result.run is not None and plain and not (all_nodes or args.modes)
+        history = result.history(
+            None if all_nodes else args.node,
             quantity=VON_MISES if from_start else quantity,
-            every=every,
+            every=all_nodes,
             modes=args.modes,
             resample_ms=args.resample_ms,
             sets=args.sets or (),
@@ -296,51 +393,65 @@ def _traces(args: argparse.Namespace, result: "Result") -> Written:
         )
         if from_start and result.run is not None:
             origin = result.run.origin()
-    table = found.columns()
-    plain = found.over_time and found.quantity == VON_MISES
-    kind = "traces" if plain else found.quantity.lower().replace(" ", "_")
-    kind = kind if found.over_time else f"modes_{kind}"
+    _refuse_unused_units(args, result.source.options, history.quantity, history.units)
+    if history.quantity.lower() in _NODAL:  # by default, of a file without stress
+        for option in ("--extrapolate", "--across-materials"):
+            if option in args.explicit:
+                raise UsageError(f"{option} is for stress or strain, not for {history.quantity}")
+    table = history.columns()
+    if _names(args) == {STRESS} and "von_mises_pa" in table:
+        raise UsageError(f"{result.source.path}: it holds von Mises stress, no tensor to take")
+    plain = history.over_time and history.quantity == VON_MISES
+    kind = "traces" if plain else history.quantity.lower().replace(" ", "_")
+    kind = kind if history.over_time else f"modes_{kind}"
     output: Path = args.output or Path(f"{result.source.path.stem}_{kind}.csv")
     rows = (
         row
-        for first in range(0, len(table["node"]), _ROWS_AT_ONCE)
+        for start in range(0, len(table["node"]), _ROWS_AT_ONCE)
         for row in zip(
-            *(column[first : first + _ROWS_AT_ONCE].tolist() for column in table.values()),
+            *(column[start : start + _ROWS_AT_ONCE].tolist() for column in table.values()),
             strict=True,
         )
     )
     write_table(output, list(table), rows)
     write_origin(output, origin)
-    places = list(
-        zip(found.afferents or [None] * len(found.nodes), found.nodes, found.peaks(), strict=True)
+    traces = list(
+        zip(
+            history.afferents or [None] * len(history.nodes),
+            history.nodes,
+            history.peaks(),
+            strict=True,
+        )
     )
     summary = {
         "output": str(output),
-        "quantity": found.quantity,
+        "quantity": history.quantity,
         "columns": list(table),
-        "units": list(dict.fromkeys(found.units)),
-        "axis": found.axis,
-        "dt_ms": found.dt_ms,
-        "start_ms": float(found.at[0]) if found.over_time else None,
-        "samples": int(found.at.size),
+        "units": list(dict.fromkeys(history.units)),
+        "axis": history.axis,
+        "dt_ms": history.dt_ms,
+        "start_ms": float(history.at[0]) if history.over_time else None,
+        "samples": int(history.at.size),
         "traces": [
             {"afferent": afferent, "node": number}
             | ({"peak_pa": peak} if plain else {"peak": peak, "column": name})
-            for afferent, number, (name, peak) in places
+            for afferent, number, (name, peak) in traces
         ],
     }
-    count = _counted(len(places), "trace" if plain else "node")
-    words = f"{count}, {found.form}" if plain else f"{found.quantity} of {count}, {found.form}"
-    if plain and found.uneven:
-        words += f"; --resample-ms {found.resample_ms:g} makes the even step that encode needs"
+    count = _count_text(len(traces), "trace" if plain else "node")
+    headline = (
+        f"{count}, {history.form}" if plain else f"{history.quantity} of {count}, {history.form}"
+    )
+    if plain and history.uneven:
+        headline += f"; --resample-ms {history.resample_ms:g} makes the even step that encode needs"
     lines = [
         f"{afferent or ''} node {number}: ".lstrip()
         + (f"peak {peak:.6g} Pa" if plain else f"largest {name} {peak:.6g}")
-        for afferent, number, (name, peak) in places[:_SHOWN]
+        for afferent, number, (name, peak) in traces[:_SHOWN]
     ]
-    if len(places) > _SHOWN:
-        lines.append(f"and {len(places) - _SHOWN} more")
-    return summary, words, lines
+    if len(traces) > _SHOWN:
+        lines.append(f"and {len(traces) - _SHOWN} more")
+    return summary, headline, lines
 
 
 def _one_quantity(args: argparse.Namespace, path: Path) -> str | None:
@@ -351,39 +462,40 @@ def _one_quantity(args: argparse.Namespace, path: Path) -> str | None:
     return args.quantity[0] if args.quantity else None
 
 
-def _nothing_chosen(args: argparse.Namespace, result: "Result") -> bool:
-    """Whether a foreign file was named and no nodes: it is listed then."""
+def _has_no_nodes(args: argparse.Namespace, result: "Result") -> bool:
+    """Whether neither the user nor a run names nodes: the file is listed then."""
     from fembridge.errors import UsageError
 
     if args.node or args.sets or args.near or result.named_nodes():
         return False
-    wants = "choose with --node N or all, --set NAME or --near X,Y"
+    advice = "choose with --node N or all, --set NAME or --near X,Y"
     if args.afferents:
-        wants = "--afferents needs one"
-    if args.afferents or args.output or args.quantity or args.resample_ms or args.modes:
-        raise UsageError(f"{result.source.path}: no run.toml beside it; {wants}")
+        advice = "--afferents needs them"
+    if args.explicit & _OF_NODES:
+        reason = "no run.toml beside it" if result.run is None else "its run.toml has no afferents"
+        raise UsageError(f"{result.source.path}: {reason}; {advice}")
     return True
 
 
-def _ways(args: argparse.Namespace, result: "Result") -> list[str]:
+def _extraction_commands(args: argparse.Namespace, result: "Result") -> list[str]:
     """What to say of how something is taken out of `result`: commands that were tried."""
     import shlex
 
     from fembridge.errors import FembridgeError
 
     command = f"fembridge ingest {shlex.quote(str(args.result))}"
-    for option, given in (("stress", args.stress_unit), ("length", args.length_unit)):
-        command += f" --{option}-unit {given}" if given else ""
+    for option, unit in (("stress", args.stress_unit), ("length", args.length_unit)):
+        command += f" --{option}-unit {unit}" if unit else ""
     try:
-        number, options, found = result.largest_node()
+        number, options, history = result.largest_node()
     except FembridgeError as error:
-        wants = "" if "--columns" in str(error) else "nothing at nodes to take: "
-        return [wants + str(error)]
+        prefix = "" if "--columns" in str(error) else "nothing at nodes to take: "
+        return [prefix + str(error)]
     command += f" --node {number}"
-    command += "".join(f" --{name.replace('_', '-')}" for name, given in options.items() if given)
-    lines = [f"{found.quantity} where it is largest:", f"  {command}"]
-    if found.uneven:
-        lines.append(f"  {command} --resample-ms {found.resample_ms:g}")
+    command += "".join(f" --{name.replace('_', '-')}" for name, needed in options.items() if needed)
+    lines = [f"{history.quantity} where it is largest:", f"  {command}"]
+    if history.uneven:
+        lines.append(f"  {command} --resample-ms {history.resample_ms:g}")
     return lines
 
 
@@ -395,12 +507,12 @@ def _sides(args: argparse.Namespace, result: "Result") -> Written:
     from fembridge.tables import write_table
 
     nodes = dict.fromkeys(args.node)
-    found = [side for node in nodes for side in result.source.sides(node, args.one_sided)]
+    sides = [side for node in nodes for side in result.source.sides(node, args.one_sided)]
     output: Path = args.output or Path(f"{result.source.path.stem}_sides.csv")
     stresses = ["von_mises_pa", *(f"{name}_pa" for name in TENSOR)]
     samples = (
         (time_ms, side.node, side.name, *stress_pa)
-        for side in found
+        for side in sides
         for time_ms, stress_pa in zip(
             side.times_ms.tolist(),
             np.column_stack([side.von_mises_pa, side.tensor_pa]).tolist(),
@@ -415,10 +527,10 @@ def _sides(args: argparse.Namespace, result: "Result") -> Written:
             "elements": list(side.elements),
             "peak_pa": float(side.von_mises_pa.max()),
         }
-        for side in found
+        for side in sides
     ]
     lines = [f"node {r['node']} in {r['material']}: peak {r['peak_pa']:.6g} Pa" for r in rows]
-    return {"output": str(output), "sides": rows}, f"{len(found)} sides", lines
+    return {"output": str(output), "sides": rows}, f"{len(sides)} sides", lines
 
 
 def _table(args: argparse.Namespace, result: "Result") -> Written:
@@ -447,25 +559,26 @@ def _field(args: argparse.Namespace, result: "Result") -> Written:
     """One quantity of one increment at all nodes."""
     from fembridge.results.fields import write_field
 
-    found = result.source.field(args.field, args.increment)
-    name = f"{found.name.lower().replace(' ', '_')}_{found.step}_{found.increment}"
+    field = result.source.field(args.field, args.increment)
+    _refuse_unused_units(args, result.source.options, field.name, field.units)
+    name = f"{field.name.lower().replace(' ', '_')}_{field.step}_{field.increment}"
     output: Path = args.output or Path(f"{result.source.path.stem}_{name}.npz")
-    write_field(output, found)
-    when = f"{found.axis} {found.axis_value:g}"
-    if found.time_ms == found.time_ms:  # not NaN, as of a mode
-        when = f"{found.time_ms:g} ms"
+    write_field(output, field)
+    time_text = f"{field.axis} {field.axis_value:g}"
+    if field.time_ms == field.time_ms:  # not NaN, as of a mode
+        time_text = f"{field.time_ms:g} ms"
     summary = {
         "output": str(output),
-        "quantity": found.name,
-        "components": list(found.components),
-        "units": list(found.units),
-        "step": found.step,
-        "increment": found.increment,
-        "time_ms": found.time_ms,
-        "nodes": int(found.nodes.size),
+        "quantity": field.name,
+        "components": list(field.components),
+        "units": list(field.units),
+        "step": field.step,
+        "increment": field.increment,
+        "time_ms": field.time_ms,
+        "nodes": int(field.nodes.size),
     }
-    where = f"step {found.step}, increment {found.increment}, {when}"
-    return summary, f"{found.name} of {found.nodes.size} nodes, {where}", []
+    increment_text = f"step {field.step}, increment {field.increment}, {time_text}"
+    return summary, f"{field.name} of {field.nodes.size} nodes, {increment_text}", []
 
 
 def _vtu(args: argparse.Namespace, result: "Result") -> Written:
@@ -483,82 +596,90 @@ def _deck(args: argparse.Namespace, path: Path) -> dict[str, Any]:
     from decks.marc.contents import describe_marc_deck
     from fembridge.errors import UsageError
 
-    if not args.list:
+    check_uses(args, _uses("list", ".dat"))
+    if not args.list or args.explicit & _SELECTIONS:
         raise UsageError(
             f"{path}: a Marc deck, no results; --list shows what it holds, results "
             f"are in {path.stem}.t16 or {path.stem}.t19"
         )
-    held = describe_marc_deck(path)
+    description = describe_marc_deck(path)
     if not args.json:
-        _show(path, {name: value for name, value in held.items() if name != "sections"})
-    return held
+        _print_description(
+            path, {name: value for name, value in description.items() if name != "sections"}
+        )
+    return description
 
 
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}{'s' * (count != 1)}"
+def _count_text(count: int, noun: str) -> str:
+    return f"{count} {noun}{'s' * (count != 1)}"
 
 
-def _show(path: Path, held: dict[str, Any]) -> None:
-    """Print what `held`, a description of `path`, says: a line a name, or a line each of many."""
-    print(f"{path}: {held['format']}, {held['bytes']} bytes")
-    for name, value in (held | held.get("header", {})).items():
+def _print_description(path: Path, description: dict[str, Any]) -> None:
+    """Print what `description`, one of `path`, says: a line a name, or a line each of many."""
+    print(f"{path}: {description['format']}, {description['bytes']} bytes")
+    for name, value in (description | description.get("header", {})).items():
         if name not in ("format", "bytes", "header") and value not in (None, "", [], {}):
-            print(*(f"  {line}" for line in _lines(name.replace("_", " "), value)), sep="\n")
+            print(
+                *(f"  {line}" for line in _description_lines(name.replace("_", " "), value)),
+                sep="\n",
+            )
 
 
-def _lines(name: str, value: Any) -> Iterator[str]:  # noqa: ANN401 - whatever JSON can hold
+def _description_lines(name: str, value: Any) -> Iterator[str]:  # noqa: ANN401 - whatever JSON can hold
     """The lines of one name of a description."""
-    one_of = name.replace("bodies", "body").removesuffix("s")
+    singular = name.replace("bodies", "body").removesuffix("s")
     if name == "quantities":
-        yield from map(_quantity, value)
+        yield from map(_quantity_line, value)
     elif name == "sets":  # of a deck by name
         if isinstance(value, dict):
-            value = [{"name": key, **one} for key, one in value.items()]
-        for kind in dict.fromkeys(one["kind"] for one in value):
-            held = [f"{one['name']} {one['members']}" for one in value if one["kind"] == kind]
-            yield f"{kind} sets: {', '.join(held)}"
+            value = [{"name": key, **item} for key, item in value.items()]
+        for kind in dict.fromkeys(item["kind"] for item in value):
+            set_texts = [
+                f"{item['name']} {item['members']}" for item in value if item["kind"] == kind
+            ]
+            yield f"{kind} sets: {', '.join(set_texts)}"
     elif name == "sections":
-        yield from (f"{section}: {_counted(count, 'time')}" for section, count in value.items())
+        yield from (f"{section}: {_count_text(count, 'time')}" for section, count in value.items())
     elif isinstance(value, list) and (isinstance(value[0], dict) or name == "remarks"):
-        yield from (f"{one_of}: {_in_words(one, ', ')}" for one in value)
-    elif isinstance(value, dict) and any(isinstance(one, dict) for one in value.values()):
-        yield from (f"{one_of} {key}: {_in_words(one, ', ')}" for key, one in value.items())
+        yield from (f"{singular}: {_value_text(item, ', ')}" for item in value)
+    elif isinstance(value, dict) and any(isinstance(item, dict) for item in value.values()):
+        yield from (f"{singular} {key}: {_value_text(item, ', ')}" for key, item in value.items())
     elif isinstance(value, dict) and name in ("elements", "element types"):
         yield f"{name}: {', '.join(f'{count} of type {kind}' for kind, count in value.items())}"
     elif isinstance(value, list):
         yield f"{name}: {', '.join(map(str, value))}"
     else:
-        yield f"{name}: {_in_words(value, '; ' if name == 'post' else ', ')}"
+        yield f"{name}: {_value_text(value, '; ' if name == 'post' else ', ')}"
 
 
-def _quantity(one: dict[str, Any]) -> str:
+def _quantity_line(quantity: dict[str, Any]) -> str:
     """A quantity of a ``.frd``, ``.t16`` or ``.t19``: components, increments, modes and where."""
-    words = [", ".join(one["components"])]
-    count, first, last = (one[key] for key in ("increments", "first_ms", "last_ms"))
+    parts = [", ".join(quantity["components"])]
+    count, first, last = (quantity[key] for key in ("increments", "first_ms", "last_ms"))
     if count:
-        when = f"{first:g} to {last:g} ms" if count > 1 else f"at {last:g} ms"
-        words.append(f"{_counted(count, 'increment')}, {when}")
-    count, first, last = (one[key] for key in ("modes", "first_value", "last_value"))
+        times = f"{first:g} to {last:g} ms" if count > 1 else f"at {last:g} ms"
+        parts.append(f"{_count_text(count, 'increment')}, {times}")
+    count, first, last = (quantity[key] for key in ("modes", "first_value", "last_value"))
     if count:
         span = f"{first:g} to {last:g}" if count > 1 else f"{last:g}"
-        words.append(f"{_counted(count, 'mode')} without time, {one['axis']} {span}")
-    where = f"at {one.get('at', 'nodes')}"
-    if where == "at nodes":
-        where = _counted(one["nodes"], "node")
-        if one["nodes"]:
-            where += f", {one['lowest_node']} to {one['highest_node']}"
-    return f"{one['name']}: {'; '.join([*words, where, one['storage']])}"
+        parts.append(f"{_count_text(count, 'mode')} without time, {quantity['axis']} {span}")
+    location = f"at {quantity.get('at', 'nodes')}"
+    if location == "at nodes":
+        location = _count_text(quantity["nodes"], "node")
+        if quantity["nodes"]:
+            location += f", {quantity['lowest_node']} to {quantity['highest_node']}"
+    return f"{quantity['name']}: {'; '.join([*parts, location, quantity['storage']])}"
 
 
-def _in_words(value: object, between: str) -> str:
+def _value_text(value: object, separator: str) -> str:
     """A dict as ``key value``, a list item by item; what is empty is left out."""
     if isinstance(value, dict):
-        held = {str(key).replace("_", " "): one for key, one in value.items()}
-        return between.join(
-            key if one is True else f"{key} {_in_words(one, ' ')}"
-            for key, one in held.items()
-            if one not in (None, False, [], "")
+        entries = {str(key).replace("_", " "): item for key, item in value.items()}
+        return separator.join(
+            key if item is True else f"{key} {_value_text(item, ' ')}"
+            for key, item in entries.items()
+            if item not in (None, False, [], "")
         )
     if isinstance(value, list):
-        return " ".join(_in_words(one, " ") for one in value)
+        return " ".join(_value_text(item, " ") for item in value)
     return f"{value:g}" if isinstance(value, float) else str(value)

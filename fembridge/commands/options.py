@@ -1,11 +1,20 @@
-"""Options that verbs share, and how an argument of the API becomes an option."""
+"""Options that verbs share, how an argument of the API becomes an option, and option values.
+
+A `Number` reads each number; `NUMBERS` has the ranges. A `Use` of a verb refuses an option that
+the chosen way does not use.
+"""
 
 import argparse
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from inspect import Parameter, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
+
+from fembridge.errors import UsageError
+from fembridge.number import parse_number, parse_whole_number
 
 if TYPE_CHECKING:
     from decks.probe import Probe
@@ -21,11 +30,148 @@ STORED_FINGER = (("quick", "paper"), "whose stored response gives the stress (de
 """What ``--finger`` is where nothing is solved."""
 
 
+@dataclass(frozen=True, slots=True)
+class Number:
+    """Type of an option that is a number: finite, in ASCII digits, `least` to `most`."""
+
+    least: float = -math.inf
+    most: float = math.inf
+    whole: bool = False
+
+    def __call__(self, text: str) -> float:
+        """The number that `text` states; else ``argparse.ArgumentTypeError``."""
+        try:
+            value = parse_whole_number(text) if self.whole else parse_number(text)
+        except ValueError:
+            value = math.nan
+        if not self.least <= value <= self.most:
+            raise argparse.ArgumentTypeError(f"{text!r}, expected {self}")
+        return value
+
+    def __str__(self) -> str:
+        kind = "a whole number" if self.whole else "a number"
+        least, most = (
+            str(end) if isinstance(end, int) else f"{end:.15g}" for end in (self.least, self.most)
+        )
+        if self.least == ABOVE_ZERO:
+            return f"{kind} more than 0" + (f", at most {most}" if self.most < math.inf else "")
+        if self.least > -math.inf and self.most < math.inf:
+            return f"{kind} from {least} to {most}"
+        return f"{kind}, {least} or more" if self.least > -math.inf else f"{kind} that is finite"
+
+
+ABOVE_ZERO = math.ulp(0.0)
+"""The least number of a range that 0 does not belong to."""
+
+# Beyond every length, time and count of a finger, and within what NumPy and timers hold.
+_MOST = 10**9
+_MOST_WHOLE = 2**63 - 1
+_MOST_AT_ONCE = 4096
+_COUNT = Number(1, _MOST, whole=True)
+_POSITIVE = Number(ABOVE_ZERO, _MOST)
+_SECONDS = Number(ABOVE_ZERO, _MOST)
+_TURN_DEG = Number(-3600, 3600)
+NODE = Number(1, 10**15, whole=True)
+"""Number of a node or element, of any solver."""
+
+NUMBERS: Mapping[str, Number] = {
+    "angle_deg": _TURN_DEG,
+    "at_mm": Number(-1000, 1000),
+    "bin_ms": _POSITIVE,
+    "cells": Number(1, 1000, whole=True),
+    "criterion": Number(ABOVE_ZERO, 1),
+    "depth_mm": Number(ABOVE_ZERO, 10),
+    "depth_um": Number(ABOVE_ZERO, 10_000),
+    "direction_deg": _TURN_DEG,
+    "dt_ms": Number(ABOVE_ZERO, 1e6),
+    "duration_ms": Number(10, 60_000),
+    "endings_mm": Number(0, 3),
+    "evaluations": _COUNT,
+    "frames": Number(0, _MOST, whole=True),
+    "frequency_hz": Number(ABOVE_ZERO, 1000),
+    "friction": Number(0, 10),
+    "full_scale_um": _POSITIVE,
+    "gain_pa": Number(-1e30, 1e30),
+    "hold_ms": Number(0.5, 60_000),
+    "iteration_limit": _COUNT,
+    "jobs": Number(1, _MOST_AT_ONCE, whole=True),
+    "longest_ms": _POSITIVE,
+    "near_mm": Number(-_MOST, _MOST),
+    "noise_mv": Number(0, 1000),
+    "pixel_mm": Number(ABOVE_ZERO, 1000),
+    "population": Number(4, 10_000, whole=True),
+    "preindent_um": Number(0, 10_000),
+    "press_n": Number(ABOVE_ZERO, 1000),
+    "press_um": Number(ABOVE_ZERO, 10_000),
+    "probe_diameter_mm": Number(0.01, 20),
+    "probe_fillet_mm": Number(0, 10),
+    "probe_x_mm": Number(-1000, 1000),
+    "ramp_ms": Number(0.5, 10_000),
+    "reach_mm": Number(1, 20),
+    "relief_mm": Number(-1000, 1000),
+    "repeats": Number(1, 10_000, whole=True),
+    "resample_ms": Number(ABOVE_ZERO, 1e6),
+    "seed": Number(0, _MOST_WHOLE, whole=True),
+    "slide_mm_per_s": Number(-10_000, 10_000),
+    "spacing_mm": Number(0.05, 1),
+    "stall_limit_s": _SECONDS,
+    "step_mm": Number(0.1, 2),
+    "stiffness_mpa_per_mm": _POSITIVE,
+    "threads": Number(1, _MOST_AT_ONCE, whole=True),
+    "time_limit_s": _SECONDS,
+    "times_threshold": Number(ABOVE_ZERO, 10_000),
+    "window_ms": Number(-_MOST, _MOST),
+}
+"""By argument: the numbers that an option of this name takes. The API may be narrower."""
+
+
+@dataclass(frozen=True, slots=True)
+class Use:
+    """`options`, separated by blanks, are for the ways that `needs` describes.
+
+    They are used where `condition` holds for the parsed arguments, and refused elsewhere.
+    """
+
+    options: str
+    needs: str
+    condition: Callable[[argparse.Namespace], object]
+
+
+def check_uses(args: argparse.Namespace, uses: Iterable[Use]) -> None:
+    """Refuse an option that was written, but that the chosen way does not use.
+
+    Raises
+    ------
+    UsageError
+        Names the option and what it is for.
+    """
+    for use in uses:
+        unused = [name for name in use.options.split() if name in args.explicit]
+        if unused and not use.condition(args):
+            verb = "is" if len(unused) == 1 else "are"
+            raise UsageError(f"{', '.join(unused)} {verb} for {use.needs}")
+
+
+def names_a_file(names: Iterable[str], *suffixes: str) -> bool:
+    """Whether one of `names`, several of which may be joined by commas, ends in a suffix."""
+    parts = [part.strip().lower() for name in names for part in name.split(",")]
+    return any(part.endswith(suffixes) for part in parts)
+
+
+PROBE_USES = (
+    Use("--probe-fillet-mm", "--probe-shape flat", lambda args: args.probe_shape == "flat"),
+)
+WAVE_USES = (
+    Use("--dt-ms", "a waveform in .npy", lambda args: names_a_file(args.stimulus, ".npy")),
+    Use("--full-scale-um", "a waveform in .wav", lambda args: names_a_file(args.stimulus, ".wav")),
+)
+
+
 def window(word: str) -> tuple[float, float]:
     """``START:END`` in ms, the time in which spikes are counted."""
     try:
-        start, end = map(float, word.split(":"))
-    except ValueError:
+        start, end = map(NUMBERS["window_ms"], word.split(":"))
+    except (ValueError, argparse.ArgumentTypeError):
         start = end = 0.0
     if not start < end:
         raise argparse.ArgumentTypeError(f"expected START:END in ms as 5:250, got {word!r}")
@@ -56,20 +202,18 @@ class Words(argparse.Action):
 
     def items(self, word: str) -> list[Any]:
         """The items of one word."""
-        words = [word] if self.separator is None else word.split(self.separator)
-        found = []
-        for each in filter(None, map(str.strip, words)):
+        texts = [word] if self.separator is None else word.split(self.separator)
+        items = []
+        for text in filter(None, map(str.strip, texts)):
             try:
-                found.append(self.item(each))
+                items.append(self.item(text))
             except argparse.ArgumentTypeError as error:
                 raise argparse.ArgumentError(self, str(error)) from error
-            except ValueError as error:
-                kind = getattr(self.item, "__name__", "")
-                problem = f"invalid {kind} value: {each!r}"
-                raise argparse.ArgumentError(self, problem) from error
-            if self.known and found[-1] not in self.known:
-                raise argparse.ArgumentError(self, invalid_choice(each, self.known))
-        return found
+            if self.known and items[-1] not in self.known:
+                raise argparse.ArgumentError(self, invalid_choice(text, self.known))
+        if not items:
+            raise argparse.ArgumentError(self, f"expected a value, got {word!r}")
+        return items
 
     def takes(self, word: str) -> bool:
         """Whether `word` is an item or several."""
@@ -180,7 +324,8 @@ def add_from(
             parser.add_argument(flag, action=action, dest=name, help=meaning)
             continue
         kinds = re.findall(r"\w+", str(arguments[name].annotation))
-        how: dict[str, Any] = {"type": next((k for k in (float, int) if k.__name__ in kinds), str)}
+        is_number = {"float", "int"} & set(kinds) and "str" not in kinds
+        how: dict[str, Any] = {"type": NUMBERS[name] if is_number else str}
         if isinstance(what, Mapping):
             how |= what
         else:
@@ -202,7 +347,7 @@ def add_output_option(parser: argparse.ArgumentParser, default: str) -> None:
     parser.add_argument(
         "-o",
         "--output",
-        type=_folder,
+        type=Path,
         default=Path(default),
         metavar="DIR",
         help=f"default: {default}",
@@ -224,24 +369,23 @@ def add_probe_options(parser: argparse._ActionsContainer) -> None:
     """What the probe is: the fields of `decks.probe.Probe`, which has the defaults."""
     add = parser.add_argument
     add("--probe-shape", choices=("cylinder", "flat"), help="default: cylinder")
-    add("--probe-diameter-mm", type=float, metavar="D", help="default: 1")
+    add("--probe-diameter-mm", type=NUMBERS["probe_diameter_mm"], metavar="D", help="default: 1")
     edges = "of a flat probe's edges (default: 0.1, at most a quarter of its width)"
-    add("--probe-fillet-mm", type=float, metavar="R", help=edges)
-    add("--probe-x-mm", type=float, metavar="X", help="across the finger (default: 0)")
+    add("--probe-fillet-mm", type=NUMBERS["probe_fillet_mm"], metavar="R", help=edges)
+    across = "across the finger (default: 0)"
+    add("--probe-x-mm", type=NUMBERS["probe_x_mm"], metavar="X", help=across)
 
 
 def probe_from(args: argparse.Namespace) -> "Probe":
     """The probe that the options describe."""
     from decks.probe import Probe
-    from fembridge.errors import FingerError, UsageError
+    from fembridge.errors import FingerError
 
     given = {
         name.removeprefix("probe_"): value
         for name, value in vars(args).items()
         if name.startswith("probe_") and name != "probe_body" and value is not None
     }
-    if "fillet_mm" in given and args.probe_shape != "flat":
-        raise UsageError("--probe-fillet-mm is for --probe-shape flat")
     try:
         return Probe(**given)
     except FingerError as error:
@@ -256,10 +400,3 @@ def option(name: str) -> str:
 def words_of(args: argparse.Namespace, function: Callable[..., Any]) -> dict[str, Any]:
     """Arguments of a `function` of the API that are options of the same names."""
     return {name: getattr(args, name) for name in signature(function).parameters if name in args}
-
-
-def _folder(word: str) -> Path:
-    """Refuse an empty word, such as a variable that a script forgot to set."""
-    if not word:
-        raise argparse.ArgumentTypeError("expected the name of a folder, got ''")
-    return Path(word)

@@ -9,7 +9,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from fembridge.commands.options import add_from, words_of
+from fembridge.commands.options import NUMBERS, add_from, words_of
 from fembridge.solver.settings import SolverSettings
 from fembridge.terminal import log
 
@@ -23,13 +23,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_from(parser, simulate, "finger")
     parser.add_argument(
         "--spacing-mm",
-        type=float,
+        type=NUMBERS["spacing_mm"],
         metavar="MM",
         help="between nodes that may touch (default: 0.25, of a plane pad 0.0625)",
     )
     parser.add_argument(
         "--reach-mm",
-        type=float,
+        type=NUMBERS["reach_mm"],
         default=4.5,
         metavar="MM",
         help="they lie so far to both sides of the apex, along the skin (default: 4.5)",
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--runs",
         type=Path,
         metavar="DIR",
-        help="where the solver's runs are kept (default: a temporary folder)",
+        help="where the solver's runs are kept (default: nowhere, they are removed at the end)",
     )
     parser.add_argument(
         "-o",
@@ -63,12 +63,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Make the pad; the summary says how large it is."""
-    import tempfile
     from contextlib import ExitStack
 
     from decks.green import PLANE_ROWS, PadMesh, smooth
     from decks.presets import read_finger
-    from fembridge.errors import FingerError, UsageError
+    from fembridge.errors import FingerError, OutputError, SolverError, UsageError
+    from fembridge.store import check_output, working_folder
     from fembridge.touching.green import solve_pad
     from fembridge.touching.pad import write_pad
 
@@ -83,15 +83,26 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         mesh = PadMesh(spacing_mm, args.reach_mm, plane=args.plane, rows=rows)
     except FingerError as error:  # of a number of ours, not of a file
         raise UsageError(str(error)) from error
+    check_output(args.output.parent, args.output.name)
     with ExitStack() as stack:
-        folder = args.runs or stack.enter_context(tempfile.TemporaryDirectory(prefix="fembridge-"))
-        pad = solve_pad(
-            Path(folder),
-            finger if args.ridges else smooth(finger),
-            mesh,
-            SolverSettings(**words_of(args, SolverSettings)),
-            log=log,
-        )
+        folder = args.runs or stack.enter_context(working_folder(args.output.parent))
+        try:
+            pad = solve_pad(
+                folder,
+                finger if args.ridges else smooth(finger),
+                mesh,
+                SolverSettings(**words_of(args, SolverSettings)),
+                log=log,
+            )
+        except SolverError as error:
+            if args.runs:
+                raise
+            problem = f"{error.problem}; --runs DIR keeps what the solver wrote"
+            raise SolverError(problem, Path(error.path.name)) from error
+        except OutputError as error:
+            if args.runs or not error.path.is_relative_to(folder):
+                raise
+            raise OutputError(error.problem, args.output) from error
     write_pad(args.output, pad)
     size = args.output.stat().st_size
     print(

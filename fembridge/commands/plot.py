@@ -8,7 +8,15 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import Several, Words, add_from, add_probe_options, window
+from fembridge.commands.options import (
+    NUMBERS,
+    PROBE_USES,
+    Several,
+    Words,
+    add_from,
+    add_probe_options,
+    window,
+)
 from fembridge.errors import UsageError
 from fembridge.terminal import log
 
@@ -23,12 +31,14 @@ if TYPE_CHECKING:
 
 EXAMPLE = "fembridge plot mesh --finger paper -o mesh.pdf"
 
+USES = PROBE_USES
+
 _TABLES = (".csv", ".md")
 _PREINDENT: tuple[str, str, dict[str, Any]] = (
     "--preindent-um",
     "depth of the probe before time 0, where no simulation.toml or run.toml is beside the "
     "table that has it",
-    {"type": float, "metavar": "DEPTH"},
+    {"type": NUMBERS["preindent_um"], "metavar": "DEPTH"},
 )
 _FILE: dict[str, Any] = {"type": Path, "metavar": "FILE|DIR"}
 _CLASSES: dict[str, Any] = {"choices": ("SA", "RA", "PC"), "action": Several}
@@ -48,7 +58,7 @@ _COUNTED: _Options = (
 
 def _bins(width_ms: float) -> _Options:
     """Option of the width of a bin."""
-    how = {"type": float, "default": width_ms, "metavar": "MS"}
+    how = {"type": NUMBERS["bin_ms"], "default": width_ms, "metavar": "MS"}
     return (("--bin-ms", f"width of a bin (default: {width_ms:g})", how),)
 
 
@@ -100,7 +110,7 @@ _PICTURES: dict[str, tuple[str, str, _Options]] = {
             *_OF_SPIKES,
             *_bins(1.0),
             ("--longest-ms", "end of the axis (default: the longest interval)",
-             {"type": float, "metavar": "MS"}),
+             {"type": NUMBERS["longest_ms"], "metavar": "MS"}),
         ),
     ),
     "rates": (
@@ -123,8 +133,9 @@ _PICTURES: dict[str, tuple[str, str, _Options]] = {
             ("ids", "sine_20_250, a set as sine_20, noise or all, a waveform's path; commas "
              "join several", {"nargs": "+", "metavar": "ID|FILE"}),
             ("--preindent-um", "depth of the probe before time 0 (default: 0)",
-             {"type": float, "default": 0.0, "metavar": "DEPTH"}),
-            ("--seed", "draw other noise than the catalogue's (>= 0)", {"type": int}),
+             {"type": NUMBERS["preindent_um"], "default": 0.0, "metavar": "DEPTH"}),
+            ("--seed", "draw other noise than the catalogue's (>= 0)",
+             {"type": NUMBERS["seed"]}),
         ),
     ),
     "sensitivity": (
@@ -176,8 +187,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
             add_from(picture, simulate, "finger")
             add_probe_options(picture)
-        for option, words, how in options:
-            picture.add_argument(option, help=words, **how)
+        for option, help_text, settings in options:
+            picture.add_argument(option, help=help_text, **settings)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -207,12 +218,12 @@ def _mesh(args: argparse.Namespace) -> "Drawn":
     finger = read_finger(args.finger)
     mesh = mesh_of(finger)
     keys = ("node", "layer", "x_mm", "depth_mm")
-    places = afferent_nodes(finger, mesh)
+    sites = afferent_nodes(finger, mesh)
     return mesh_figure(finger, mesh, probe_from(args)), {
         "finger": finger.name,
         "elements": len(mesh.quad),
         "nodes": len(mesh.node_mm),
-        "afferents": {one.afferent: {key: getattr(one, key) for key in keys} for one in places},
+        "afferents": {site.afferent: {key: getattr(site, key) for key in keys} for site in sites},
     }
 
 
@@ -231,7 +242,7 @@ def _response(args: argparse.Namespace) -> "Drawn":
     else:
         raise UsageError(f"{args.file} and --finger {args.finger}: expected one")
     return response_figure(response), {
-        "afferents": [place.afferent for place in response.places],
+        "afferents": [site.afferent for site in response.places],
         "depths": response.depth_um.size,
         "deepest_um": response.deepest_um,
         "closure_percent": response.closure_percent,
@@ -244,24 +255,39 @@ def _trace(args: argparse.Namespace) -> "Drawn":
     from fembridge.simulation import stimuli_in
 
     traces, path = read_stress(args.table, log)
-    written = stimuli_in(path.parent)
-    there = list(dict.fromkeys(trace.stimulus for trace in traces if trace.stimulus))
-    if there and args.stimulus not in there and (args.stimulus or len(there) > 1):
-        several = f"{len(there)} stimuli, {there[0]} to {there[-1]}"
-        found = f"has {several if there[1:] else there[0]}"
-        raise UsageError(f"{path}: {found}; name one of them: --stimulus ID")
+    recorded = stimuli_in(path.parent)
+    stimuli_in_table = list(dict.fromkeys(trace.stimulus for trace in traces if trace.stimulus))
+    if (
+        stimuli_in_table
+        and args.stimulus not in stimuli_in_table
+        and (args.stimulus or len(stimuli_in_table) > 1)
+    ):
+        several = (
+            f"{len(stimuli_in_table)} stimuli, {stimuli_in_table[0]} to {stimuli_in_table[-1]}"
+        )
+        problem = f"has {several if stimuli_in_table[1:] else stimuli_in_table[0]}"
+        raise UsageError(f"{path}: {problem}; name one of them: --stimulus ID")
     name = args.stimulus
-    if name is None and written.stimuli:
-        [name, *others] = there or [stimulus.id for stimulus in written.stimuli]
+    if name is None and recorded.stimuli:
+        [name, *others] = stimuli_in_table or [stimulus.id for stimulus in recorded.stimuli]
         name = None if others else name
-    waveform = _waveform(args, name, written) if name else None
-    shown = [one for one in traces if not there or one.stimulus == (args.stimulus or there[0])]
-    return trace_figure(shown, waveform=waveform), {
+    waveform = _waveform(args, name, recorded) if name else None
+    _refuse_depth_of(waveform, args)
+    selected = [
+        trace
+        for trace in traces
+        if not stimuli_in_table or trace.stimulus == (args.stimulus or stimuli_in_table[0])
+    ]
+    return trace_figure(selected, waveform=waveform), {
         "stimulus": waveform.id if waveform else None,
         "preindent_um": waveform.preindent_um if waveform else None,
         "traces": [
-            {"afferent": one.afferent, "node": one.node or None, "peak_pa": one.stress_pa.max()}
-            for one in shown
+            {
+                "afferent": trace.afferent,
+                "node": trace.node or None,
+                "peak_pa": trace.stress_pa.max(),
+            }
+            for trace in selected
         ],
     }
 
@@ -274,67 +300,92 @@ def _spikes(args: argparse.Namespace) -> "Drawn":
 
     path = find_file(args.table, (SPIKES_FILE,), "simulate and encode leave it")
     trains = read_spikes(path)
-    rows = tabled = list(dict.fromkeys(train.stimulus for train in trains))
-    written = stimuli_in(path.parent)
-    if written.stimuli and all(map(written.of, tabled)):
-        trains = written.with_silent(trains)
-        rows = [stimulus.id for stimulus in written.stimuli]
+    rows = stimuli_in_table = list(dict.fromkeys(train.stimulus for train in trains))
+    recorded = stimuli_in(path.parent)
+    if recorded.stimuli and all(map(recorded.of, stimuli_in_table)):
+        trains = recorded.with_silent(trains)
+        rows = [stimulus.id for stimulus in recorded.stimuli]
     else:
-        written = FolderStimuli(path)
+        recorded = FolderStimuli(path)
     if args.stimulus:
-        rows = _rows_named(args.stimulus, rows, whole=bool(written.stimuli))
+        rows = _rows_named(args.stimulus, rows, is_complete=bool(recorded.stimuli))
     if not rows:
         raise UsageError(f"{path}: no spikes; --stimulus ID gives silent rows")
-    silent = [name for name in rows if name not in tabled]
-    if unknown := [name for name in silent if not written.of(name)]:
+    silent = [name for name in rows if name not in stimuli_in_table]
+    if unknown := [name for name in silent if not recorded.of(name)]:
         log(f"{path}: no spike of {', '.join(unknown)}: silent, or not in it")
-    shown = [train for train in trains if train.stimulus in rows]
-    present = {train.afferent for train in trains} or AFFERENTS
-    classes = args.afferent or [name for name in AFFERENTS if name in present]
-    drawn: dict[str, Any] = {"trains": shown, "stimuli": rows, "afferents": classes}
-    count = sum(train.times_ms.size for train in shown if train.afferent in classes)
+    selected = [train for train in trains if train.stimulus in rows]
+    classes_present = {train.afferent for train in trains} or AFFERENTS
+    classes = args.afferent or [name for name in AFFERENTS if name in classes_present]
+    plot_options: dict[str, Any] = {"trains": selected, "stimuli": rows, "afferents": classes}
+    count = sum(train.times_ms.size for train in selected if train.afferent in classes)
     summary = {"stimuli": rows, "silent": silent, "spikes": count}
     if args.picture != "raster":
-        drawn["bin_ms"] = summary["bin_ms"] = args.bin_ms
+        plot_options["bin_ms"] = summary["bin_ms"] = args.bin_ms
     if args.picture == "isi":
-        found = [spikes.intervals_ms(shown, row, one) for row in rows for one in classes]
-        summary["intervals"] = sum(each.size for each in found)
-        return spikes.isi_figure(**drawn, longest_ms=args.longest_ms), summary
-    stimuli = list(filter(None, map(written.of, rows)))
-    drawn["waveform"] = None
+        intervals_ms = [
+            spikes.intervals_ms(selected, row, afferent) for row in rows for afferent in classes
+        ]
+        summary["intervals"] = sum(intervals.size for intervals in intervals_ms)
+        return spikes.isi_figure(**plot_options, longest_ms=args.longest_ms), summary
+    stimuli = list(filter(None, map(recorded.of, rows)))
+    plot_options["waveform"] = None
     if len(rows) == 1 and (stimuli or args.stimulus):
-        stimuli = [_waveform(args, rows[0], written)]
-        [drawn["waveform"]] = stimuli
-    windows_ms = {args.window_ms} if args.window_ms else {one.window_ms for one in stimuli}
-    drawn["window_ms"] = windows_ms.pop() if len(windows_ms) == 1 else None
+        stimuli = [_waveform(args, rows[0], recorded)]
+        [plot_options["waveform"]] = stimuli
+    _refuse_depth_of(plot_options["waveform"], args)
+    windows_ms = (
+        {args.window_ms} if args.window_ms else {stimulus.window_ms for stimulus in stimuli}
+    )
+    plot_options["window_ms"] = windows_ms.pop() if len(windows_ms) == 1 else None
     draw = spikes.raster_figure if args.picture == "raster" else spikes.psth_figure
-    return draw(**drawn), summary
+    return draw(**plot_options), summary
 
 
-def _rows_named(words: list[str], there: list[str], *, whole: bool) -> list[str]:
-    """Ids that `words` name; where `there` is the `whole` of it, of a set only those."""
+def _rows_named(texts: list[str], available: list[str], *, is_complete: bool) -> list[str]:
+    """Ids that `texts` name; of a set only those `available`, where this list `is_complete`."""
     rows: list[str] = []
-    for word in ",".join(words).split(","):
-        named = [word] if word in there else [one.id for one in _stimuli([word])]
-        of_set = [name for name in named if name in there] if whole and len(named) > 1 else []
-        rows += of_set or named
+    for stimulus_id in ",".join(texts).split(","):
+        named = (
+            [stimulus_id]
+            if stimulus_id in available
+            else [stimulus.id for stimulus in _stimuli([stimulus_id])]
+        )
+        available_members = (
+            [name for name in named if name in available] if is_complete and len(named) > 1 else []
+        )
+        rows += available_members or named
     return list(dict.fromkeys(rows))
 
 
-def _waveform(args: argparse.Namespace, word: str, written: "FolderStimuli") -> "Stimulus":
+def _waveform(args: argparse.Namespace, stimulus_id: str, recorded: "FolderStimuli") -> "Stimulus":
     """The stimulus as it is recorded, else as the catalogue and --preindent-um have it."""
-    stimuli = [known] if (known := written.of(word)) else _stimuli([word], args.preindent_um or 0.0)
+    stimuli = (
+        [stimulus]
+        if (stimulus := recorded.of(stimulus_id))
+        else _stimuli([stimulus_id], args.preindent_um or 0.0)
+    )
     if len(stimuli) > 1:
-        raise UsageError(f"{word} names {len(stimuli)} stimuli, expected one")
-    if known := written.of(stimuli[0].id):
-        if args.preindent_um not in (None, known.preindent_um):
-            found = f"{written.path} says {known.preindent_um:g} um"
-            raise UsageError(f"--preindent-um {args.preindent_um:g}: {found}; leave the option out")
-        return known
+        raise UsageError(f"{stimulus_id} names {len(stimuli)} stimuli, expected one")
+    if stimulus := recorded.of(stimuli[0].id):
+        if args.preindent_um not in (None, stimulus.preindent_um):
+            problem = f"{recorded.path} says {stimulus.preindent_um:g} um"
+            raise UsageError(
+                f"--preindent-um {args.preindent_um:g}: {problem}; leave the option out"
+            )
+        return stimulus
     if args.preindent_um is None:
-        words = "the probe is drawn without pre-indentation: none is recorded beside the table"
-        log(f"{args.table}: {words}; --preindent-um DEPTH sets it")
+        note = "the probe is drawn without pre-indentation: none is recorded beside the table"
+        log(f"{args.table}: {note}; --preindent-um DEPTH sets it")
     return stimuli[0]
+
+
+def _refuse_depth_of(waveform: "Stimulus | None", args: argparse.Namespace) -> None:
+    """Refuse --preindent-um where no waveform is drawn."""
+    if waveform is None and args.preindent_um is not None:
+        raise UsageError(
+            "--preindent-um is for a waveform that is drawn: --stimulus ID, a single one"
+        )
 
 
 def _rates(args: argparse.Namespace) -> "Drawn":
@@ -347,19 +398,22 @@ def _rates(args: argparse.Namespace) -> "Drawn":
     made_by = "simulate, encode and sweep leave it"
     path = find_file(args.table, (RATES_FILE, RESULTS_FILE), made_by)
     rates = _rates_in(path)
-    entries, strange = placed(rates)
-    if strange and entries:
-        note = f"without a frequency and an amplitude, left out: {', '.join(strange[:3])}"
-        more = f" and {len(strange) - 3} more" if len(strange) > 3 else ""
-        log(f"{path}: {note}{more}")
+    entries, unplaced = placed(rates)
+    if unplaced and entries:
+        note = f"without a frequency and an amplitude, left out: {', '.join(unplaced[:3])}"
+        remainder = f" and {len(unplaced) - 3} more" if len(unplaced) > 3 else ""
+        log(f"{path}: {note}{remainder}")
     observed = read_observed(args.observed, complete=False).rates() if args.observed else []
     touchsim = touchsim_rates() if args.touchsim else []
     figure = rates_figure(rates, observed=observed, touchsim=touchsim, afferents=args.afferent)
-    beside = {"observed": observed, "touchsim": touchsim}
+    comparisons = {"observed": observed, "touchsim": touchsim}
     return figure, {
         "stimuli": list(entries),
-        "left_out": strange,
-        **{name: sum(one.stimulus in entries for one in each) for name, each in beside.items()},
+        "left_out": unplaced,
+        **{
+            name: sum(rate.stimulus in entries for rate in compared)
+            for name, compared in comparisons.items()
+        },
     }
 
 
@@ -373,10 +427,10 @@ def _rates_in(path: Path) -> "list[Rate]":
         table.check_columns(expected, ("unit",), lambda line: log(f"{path}: {line}"))
     else:
         table = table.where(table.column("status") == "done")
-        whose = list(zip(table.column("stimulus"), table.column("afferent"), strict=True))
-        if len(set(whose)) < len(whose):
-            found = "rates of several fingers, probes or methods, expected of one"
-            raise UsageError(f"{path}: {found}; plot sensitivity compares fingers")
+        keys = list(zip(table.column("stimulus"), table.column("afferent"), strict=True))
+        if len(set(keys)) < len(keys):
+            problem = "rates of several fingers, probes or methods, expected of one"
+            raise UsageError(f"{path}: {problem}; plot sensitivity compares fingers")
     return read_rates(table)
 
 
@@ -404,14 +458,14 @@ def _sensitivity(args: argparse.Namespace) -> "Drawn":
     single = sensitivity.is_one_at_a_time(swept)
     if single:
         table = sensitivity.single_effects(swept)
-        people, figure = sensitivity.effects_markdown(table), effects_figure(table)
+        markdown, figure = sensitivity.effects_markdown(table), effects_figure(table)
     else:
         table = sensitivity.rank_regressions(swept)
-        people = sensitivity.regressions_markdown(swept, table)
+        markdown = sensitivity.regressions_markdown(swept, table)
         figure = regressions_figure(table, len(swept.parameters))
     if args.effects is not None:
         is_csv = args.effects.suffix.lower() == ".csv"
-        write_text(args.effects, sensitivity.csv_text(table) if is_csv else people)
+        write_text(args.effects, sensitivity.csv_text(table) if is_csv else markdown)
     if args.fingers is not None:
         write_text(args.fingers, swept.to_csv())
     return figure, {
@@ -424,8 +478,8 @@ def _sensitivity(args: argparse.Namespace) -> "Drawn":
 
 
 def _stimuli(
-    words: list[str], preindent_um: float = 0.0, seed: int | None = None
+    texts: list[str], preindent_um: float = 0.0, seed: int | None = None
 ) -> "list[Stimulus]":
     from fembridge.stimulus_file import stimuli_of
 
-    return stimuli_of(words, preindent_um, seed, log=log)
+    return stimuli_of(texts, preindent_um, seed, log=log)

@@ -13,9 +13,20 @@ import argparse
 from typing import Any
 
 from fembridge.commands import Content, write_files, written
-from fembridge.commands.options import Several, add_from, add_output_option, words_of
+from fembridge.commands.options import (
+    Several,
+    Use,
+    add_from,
+    add_output_option,
+    words_of,
+)
 
 EXAMPLE = "fembridge receptive-field --afferent RA --depth-um 100,200,400 -o field"
+
+USES = (
+    Use("--endings-mm", "--afferent SA or RA", lambda args: {"SA", "RA"} & set(args.afferent)),
+    Use("--sa-von-mises", "--afferent SA", lambda args: "SA" in args.afferent),
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

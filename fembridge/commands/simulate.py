@@ -14,8 +14,11 @@ from typing import Any
 from fembridge.commands import written
 from fembridge.commands.options import (
     LIMITS,
+    PROBE_USES,
     SOLVING,
     STIMULUS,
+    WAVE_USES,
+    Use,
     add_export_option,
     add_from,
     add_output_option,
@@ -26,6 +29,21 @@ from fembridge.commands.options import (
 from fembridge.terminal import Notes, SolverBars, print_table
 
 EXAMPLE = "fembridge simulate --stimulus noise_25_250 -o out"
+
+USES = (
+    *PROBE_USES,
+    *WAVE_USES,
+    Use(
+        "--whole-section --threads --jobs --time-limit --no-cache --yes",
+        "a solver, not for --stored",
+        lambda args: not args.stored,
+    ),
+    Use(
+        "--jobs --yes",
+        "waveforms that the solver follows, not for --method map",
+        lambda args: args.method != "map",
+    ),
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -16,7 +16,14 @@ import os
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import WAVE, Words, add_from, option, words_of
+from fembridge.commands.options import (
+    WAVE,
+    Use,
+    Words,
+    add_from,
+    names_a_file,
+    words_of,
+)
 from fembridge.terminal import log
 
 if TYPE_CHECKING:
@@ -27,6 +34,18 @@ if TYPE_CHECKING:
     from fembridge.stimulus import Stimulus
 
 EXAMPLE = "fembridge stimuli --export csv sine_20_250,noise_25_250 -o waveforms/"
+
+USES = (
+    Use("--output --preindent-um --seed", "--export", lambda args: args.export),
+    Use(
+        "--dt-ms", "a waveform in .npy", lambda args: names_a_file(args.ids + args.waveform, ".npy")
+    ),
+    Use(
+        "--full-scale-um",
+        "a waveform in .wav",
+        lambda args: names_a_file(args.ids + args.waveform, ".wav"),
+    ),
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,14 +69,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """List or export; the summary holds every stimulus or every file."""
-    from fembridge.errors import UsageError
-
     args.ids += args.waveform
     if args.export:
         return _export(args)
-    for name in ("output", "preindent_um", "seed"):
-        if getattr(args, name) is not None:
-            raise UsageError(f"{option(name)} is for --export, which was not given")
     return _list(args)
 
 
@@ -150,25 +164,35 @@ def _description(entry: "Entry") -> str:
 
 
 def _made(args: argparse.Namespace, words: "Sequence[str | Path]") -> "list[Stimulus]":
-    from fembridge.stimulus_file import stimuli_of
+    from fembridge.stimulus_file import check_depth_is_used, stimuli_of
 
     given = {**words_of(args, stimuli_of), "preindent_um": args.preindent_um or 0.0}
-    return stimuli_of(words, **given, log=log)
+    made = stimuli_of(words, **given, log=log)
+    check_depth_is_used(made, args.preindent_um)
+    return made
 
 
 def _export(args: argparse.Namespace) -> dict[str, Any]:
-    from fembridge.errors import UsageError
+    from contextlib import ExitStack
+
     from fembridge.stimulus_file import write_stimulus
+    from fembridge.store import filling
 
     made = _made(args, args.ids)
-    if args.seed is not None and not any("seed" in one.origin for one in made):
-        raise UsageError("--seed is for noise, and no noise was named")
     # All files of one export share their scale: a sound card plays them as loud as they are.
     peak_um = max(float(abs(one.displacement_um).max()) for one in made)
     files = []
     paths = _paths([one.id for one in made], args.export, args.output)
-    for stimulus, path in zip(made, paths, strict=True):
-        scale_um = write_stimulus(stimulus, path, args.export, peak_um)
+    with ExitStack() as stack:
+        targets = paths
+        if len(paths) > 1:
+            draft = stack.enter_context(filling(paths[0].parent, last=paths[-1].name))
+            targets = [draft / path.name for path in paths]
+        scales_um = [
+            write_stimulus(stimulus, target, args.export, peak_um)
+            for stimulus, target in zip(made, targets, strict=True)
+        ]
+    for stimulus, path, scale_um in zip(made, paths, scales_um, strict=True):
         files.append(
             {
                 "id": stimulus.id,

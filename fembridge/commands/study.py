@@ -12,8 +12,16 @@ from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from fembridge.commands import Content, write_files, written
-from fembridge.commands.options import STORED_FINGER, Several, add_from, add_output_option
-from fembridge.terminal import INTERRUPTED, log
+from fembridge.commands.options import (
+    NUMBERS,
+    STORED_FINGER,
+    Several,
+    Use,
+    add_from,
+    add_output_option,
+)
+from fembridge.interrupt import INTERRUPTED
+from fembridge.terminal import log
 
 if TYPE_CHECKING:
     import pandas
@@ -25,6 +33,8 @@ EXAMPLE = "fembridge study --observed rates.csv --drive published rising -o stud
 
 PICTURE_FILE = "study.png"
 
+USES = (Use("--cells --preindent-um", "--drive; the study has its own", lambda args: args.drive),)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
@@ -32,25 +42,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     add_from(parser, fit, "observed")
     add = parser.add_argument
-    numbers: dict[str, Any] = {"type": int, "metavar": "N"}
     add(
         "--drive",
         action=Several,
         metavar="NAME",
         help="models to compare, of all classes that have them (default: the study)",
     )
-    add("--cells", **numbers, help="cells of each (default: the model's)")
+    cells = "cells of each (default: the model's)"
+    add("--cells", type=NUMBERS["cells"], metavar="N", help=cells)
     add(
         "--preindent-um",
         action=Several,
-        type=float,
+        type=NUMBERS["preindent_um"],
         metavar="DEPTH",
         help="depths of the probe before time 0, with --drive (default: 0)",
     )
-    add("--seeds", action=Several, **numbers, default=[1, 2, 3], help="default: 1 2 3")
+    add(
+        "--seeds",
+        action=Several,
+        type=NUMBERS["seed"],
+        metavar="N",
+        default=[1, 2, 3],
+        help="default: 1 2 3",
+    )
     tried = "candidates that each search tries (default: %(default)d)"
-    add("--evaluations", **numbers, default=10_000, help=tried)
-    add("--jobs", **numbers, default=1, help="processes (default: 1)")
+    evaluations: dict[str, Any] = {"type": NUMBERS["evaluations"], "metavar": "N"}
+    add("--evaluations", **evaluations, default=10_000, help=tried)
+    processes = "processes (default: 1)"
+    add("--jobs", type=NUMBERS["jobs"], metavar="N", default=1, help=processes)
     add_from(parser, fit, finger=STORED_FINGER)
     add_output_option(parser, default="study")
 
@@ -117,15 +136,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _cases_from(args: argparse.Namespace, observed: "ObservedRates") -> "tuple[Case, ...]":
     """Cases that the options name."""
-    from fembridge.errors import UsageError
     from fembridge.fitting.fit import FitSettings
     from fembridge.fitting.problem import checked_model
     from fembridge.fitting.study import Case, default_cases
     from neural.models import MODELS
 
     if not args.drive:
-        if args.cells is not None or args.preindent_um is not None:
-            raise UsageError("--cells and --preindent-um go with --drive; the study has its own")
         return default_cases(observed.afferents)
     FitSettings(cells=args.cells, evaluations=args.evaluations)  # checks both
     return tuple(

@@ -10,11 +10,16 @@ does not stop the others; the exit code is then 1.
 import argparse
 from typing import Any
 
-from fembridge.commands.options import add_from, add_output_option, words_of
+from fembridge.commands.options import Use, add_from, add_output_option, words_of
 from fembridge.solver.settings import SolverSettings
 from fembridge.terminal import error_line, log
 
 EXAMPLE = "fembridge sweep study.toml -o sweep --jobs 4"
+
+USES = (
+    Use("--scheduler", "--executor dask", lambda args: args.executor == "dask"),
+    Use("--jobs", "processes made here, not for --scheduler", lambda args: args.scheduler is None),
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -18,23 +18,85 @@ from pathlib import Path
 from typing import Any
 
 from fembridge.commands import Content, write_files, written
-from fembridge.commands.options import add_export_option, add_from, add_output_option, words_of
+from fembridge.commands.options import (
+    ABOVE_ZERO,
+    NUMBERS,
+    Number,
+    Use,
+    add_export_option,
+    add_from,
+    add_output_option,
+    names_a_file,
+    words_of,
+)
 from fembridge.terminal import log, print_table
 
 EXAMPLE = "fembridge touch --shape braille:text=b --press-n 0.3 -o out"
 
+_OF_A_SHAPE = "--shape --at-mm --angle-deg --pixel-mm --relief-mm --friction"
+_OF_A_WAVEFORM = "--stimulus or --pins, whose waveforms begin at that depth"
+
+USES = (
+    Use(_OF_A_SHAPE, "a shape, not for --pins", lambda args: args.pins is None),
+    Use(
+        "--pixel-mm",
+        "--shape FILE, a height map",
+        lambda args: _is_height_map(args.shape),
+    ),
+    Use(
+        "--relief-mm",
+        "--shape FILE, a picture",
+        lambda args: _is_height_map(args.shape) and not names_a_file([args.shape], ".csv", ".txt"),
+    ),
+    Use("--preindent-um", _OF_A_WAVEFORM, lambda args: args.stimulus or args.pins),
+    Use(
+        "--ramp-ms --hold-ms",
+        "--press-um or --press-n without --slide-mm-per-s",
+        lambda args: _is_pressed(args) and args.slide_mm_per_s is None,
+    ),
+    Use(
+        "--direction-deg --duration-ms",
+        "--slide-mm-per-s",
+        lambda args: args.slide_mm_per_s is not None,
+    ),
+    Use(
+        "--friction",
+        "a shape that slides: --slide-mm-per-s, --path, or --stimulus FILE.csv with aside_um",
+        lambda args: (
+            args.slide_mm_per_s is not None
+            or args.path
+            or names_a_file([args.stimulus or ""], ".csv")
+        ),
+    ),
+    Use("--seed", "--noise-mv more than 0", lambda args: args.noise_mv),
+)
+
+
+def _is_height_map(shape: str) -> bool:
+    """Whether `shape` is no known name, with sizes or without, but a file."""
+    from fembridge.touching.shape import SHAPES
+
+    return shape.partition(":")[0] not in SHAPES
+
+
+def _is_pressed(args: argparse.Namespace) -> bool:
+    """Whether a depth or a force says how the shape moves."""
+    ways = (args.stimulus, args.path, args.pins)
+    pressed = args.press_um is not None or args.press_n is not None
+    return pressed and not any(way is not None for way in ways)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
-    from fembridge.touching.touch import touch
+    from fembridge.touching.touch import DEFAULTS, touch
 
+    default = {name: f"default: {value}".removesuffix(".0") for name, value in DEFAULTS.items()}
     what = parser.add_argument_group("what touches")
     add_from(what, touch, shape=("SHAPE|FILE", "punch is a 1 mm pin"))
     what.add_argument(
         "--at-mm",
-        type=float,
+        type=NUMBERS["at_mm"],
         nargs=2,
-        default=(0.0, 0.0),
         metavar=("X", "Z"),
         help="where its middle is at first, across and along the finger (default: 0 0)",
     )
@@ -42,10 +104,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_from(
         what,
         touch,
-        angle_deg=("DEG", "how far it is rotated"),
+        angle_deg=("DEG", f"how far it is rotated ({default['angle_deg']})"),
         pixel_mm=("MM", "of a height map"),
         relief_mm=("MM", relief),
-        friction=("MU", "while it slides"),
+        friction=("MU", f"while it slides ({default['friction']})"),
         pins=("CSV", "in place of a shape, pins x_mm,z_mm,diameter_mm,stimulus"),
     )
     how = parser.add_argument_group("how it moves")
@@ -56,11 +118,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         stimulus=({"also": "--waveform", "metavar": "ID|FILE"}, "its depth: sine_20_250"),
         press_um=("UM", "to this depth, or"),
         press_n=("N", "with this force: ramp and hold"),
-        ramp_ms=("MS", ""),
-        hold_ms=("MS", ""),
-        slide_mm_per_s=("V", "slides at this speed, pressed all the time"),
-        direction_deg=("DEG", "0 is to the right, 90 towards the tip"),
-        duration_ms=("MS", ""),
+        ramp_ms=("MS", default["ramp_ms"]),
+        hold_ms=("MS", default["hold_ms"]),
+        slide_mm_per_s=(
+            {"type": Number(ABOVE_ZERO, 1000), "metavar": "V"},
+            "slides at this speed, pressed all the time",
+        ),
+        direction_deg=(
+            "DEG",
+            f"0 is to the right, 90 towards the tip ({default['direction_deg']})",
+        ),
+        duration_ms=("MS", default["duration_ms"]),
         path=("CSV", "time_ms,x_mm,z_mm and depth_um or force_n"),
     )
     who = parser.add_argument_group("who feels it")
@@ -110,8 +178,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.animate:
         check_movie(Path(args.animate))
     result = touch(**words_of(args, touch), log=log)
-    if note := result.origin.get("note"):
-        log(note)
+    note = result.origin.get("note", "")  # a warning, too
     files: dict[str, Content] = {**result.tables()}
     if not args.no_plot:
         files |= {f"{name}.png": draw(result) for name, draw in PICTURES.items()}
@@ -141,7 +208,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {
         **written(args.output, names, ["touch.gif", *EXPORTED]),
         "way": result.way.name,
-        "note": note or "",
+        "note": note,
         "depth_um": depth_um,
         "force_n": force_n,
         "classes": classes,

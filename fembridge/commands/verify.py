@@ -11,7 +11,7 @@ with 1 when a check fails its bound.
 import argparse
 from typing import Any
 
-from fembridge.commands.options import Several, add_output_option
+from fembridge.commands.options import NUMBERS, Several, add_output_option
 from fembridge.terminal import SolverBars
 
 EXAMPLE = "fembridge verify --quick -o verification"
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--jobs",
-        type=int,
+        type=NUMBERS["jobs"],
         metavar="N",
         help="studies at the same time, a core each (default: the cores there are)",
     )
@@ -42,7 +42,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Make the studies and the page; the summary holds each check."""
     import os
 
-    from fembridge.errors import UsageError
     from fembridge.report.verify import (
         PAGE_FILE,
         studies_named,
@@ -51,8 +50,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         write_report,
     )
 
-    if args.jobs is not None and args.jobs < 1:
-        raise UsageError(f"--jobs is {args.jobs}, expected 1 or more")
     studies_named(args.only)  # a wrong word is said before a solver that is not there
     versions = versions_here()
     with SolverBars() as bars:

@@ -1,7 +1,7 @@
-"""Published facts about real afferents, a small file each: what a model is held against.
+"""Published recordings of afferents, compared with the models; one small file per set.
 
-Each file begins with what it holds and its source, in lines with a #. A user's own table
-stands in the place of a set with `read_evidence`. The sets are
+Each file begins with a description and its source, in lines with a #. `read_evidence` reads
+another table with the same columns as a set. The sets are
 
 ``thresholds_freeman_johnson_1982``   afferent, criterion, frequency_hz, amplitude_um
 ``timing_20hz``                       impulses a cycle and vector strengths, three amplitudes
@@ -10,8 +10,8 @@ stands in the place of a set with `read_evidence`. The sets are
 ``distance_johnson_1974``             distance_mm, amplitude_um
 ``ramp_and_hold``                     afferent, fact, source
 
-Beside them are the rates of TouchSim under the 82 stimuli: no evidence but a model, to set
-one's own beside. What made ``touchsim/rates.csv`` is in the ``README.md`` there.
+``touchsim/rates.csv`` has the rates of TouchSim under the 82 stimuli: another model, for
+comparison; its ``README.md`` describes how they were computed.
 """
 
 import warnings
@@ -45,24 +45,27 @@ TIMING_COLUMNS = (
 )
 TOUCHSIM_TABLE = FOLDER / "touchsim/rates.csv"
 TOUCHSIM_MODELS = {"SA": 4, "RA": 9, "PC": 4}
-"""Afferents of each class that TouchSim has models of; a rate is their mean."""
+"""Number of TouchSim models of each class; a rate is their mean."""
 
 _CHOICES = {"afferent": AFFERENTS, "criterion": CRITERIA}
-_LEAST = {"frequency_hz": 2.0, "amplitude_um": 0.01}
+_MINIMA = {"frequency_hz": 2.0, "amplitude_um": 0.01}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Facts:
-    """A table, and in words what it holds and where it is from."""
+    """Table of a set, and a text with its description and source."""
 
     table: "pandas.DataFrame"
     source: str
 
 
 def read_evidence(source: Path | str, like: str) -> Facts:
-    """The set of that name, or a file in the place of the set `like`: the same columns.
+    """Set of the name `source`, or a file with the same columns as the set `like`.
 
-    Raises TableError: no such file or column, or a cell that cannot be, with its line.
+    Raises
+    ------
+    TableError
+        A missing file or column, or an invalid cell, with its line.
     """
     import pandas
 
@@ -76,7 +79,7 @@ def read_evidence(source: Path | str, like: str) -> Facts:
     columns = {
         name: table.choices(name, _CHOICES[name])
         if name in _CHOICES
-        else table.numbers(name, _LEAST.get(name, 0.0))
+        else table.numbers(name, _MINIMA.get(name, 0.0))
         for name in names
     }
     facts = pandas.DataFrame(columns)
@@ -88,9 +91,12 @@ def read_evidence(source: Path | str, like: str) -> Facts:
 
 @cache
 def published(name: str) -> Facts:
-    """The set `name`, one of `SETS`; copy its table before you change it.
+    """Set `name`, one of `SETS`; copy its table before changing it.
 
-    Raises UsageError: no such set.
+    Raises
+    ------
+    UsageError
+        Unknown set.
     """
     import pandas
 
@@ -101,7 +107,7 @@ def published(name: str) -> Facts:
 
 
 def published_timing() -> "pandas.DataFrame":
-    """Set ``timing_20hz`` with columns that hold at any frequency.
+    """Set ``timing_20hz`` with column names for any frequency.
 
     ``afferent, frequency_hz, amplitude_um, impulses_per_cycle, strength_f, strength_2f``.
     """
@@ -113,18 +119,27 @@ def published_timing() -> "pandas.DataFrame":
 def touchsim_rates(preindent_um: float = 0.0, *, whole_second: bool = False) -> list[Rate]:
     """TouchSim's rates under all 82 stimuli, in the order of the catalogue.
 
-    The probe is `preindent_um` deep before the vibration, 0 or 500. A rate is from a window as
-    long as the observed one, 245 or 100 ms, or from a `whole_second`. Raises UsageError:
-    nothing was computed for that depth.
+    Parameters
+    ----------
+    preindent_um
+        Depth of the probe before the vibration in um, 0 (default) or 500.
+    whole_second
+        Count spikes in one second (default: in a window as long as the observed one, 245
+        or 100 ms).
+
+    Raises
+    ------
+    UsageError
+        No rates for this depth.
     """
     import pandas
 
     table = pandas.read_csv(TOUCHSIM_TABLE)
     if preindent_um not in set(table.preindent_um):
-        raise UsageError(f"preindent_um is {preindent_um:g}, TouchSim's is 0 or 500")
-    own_ms = {name: np.ptp(resolve(name)[0].window_ms) for name in table.stimulus.unique()}
-    wanted_ms = 1000.0 if whole_second else table.stimulus.map(own_ms)
-    table = table[(table.preindent_um == preindent_um) & (table.window_ms == wanted_ms)]
+        raise UsageError(f"preindent_um is {preindent_um:g}, expected 0 or 500")
+    observed_ms = {name: np.ptp(resolve(name)[0].window_ms) for name in table.stimulus.unique()}
+    window_ms = 1000.0 if whole_second else table.stimulus.map(observed_ms)
+    table = table[(table.preindent_um == preindent_um) & (table.window_ms == window_ms)]
     columns = (table[name] for name in RATE_COLUMNS)
     return [Rate(*row) for row in zip(*columns, strict=True)]
 

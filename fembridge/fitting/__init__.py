@@ -1,1 +1,1 @@
-"""Parameters of afferents from observed rates: problem, search, choice, files."""
+"""Fits afferent parameters to observed rates: problem, search, choice, files."""

@@ -1,6 +1,6 @@
-"""The fit of one class, or of several: settings, search, the choice, and the files.
+"""Fit of one or several afferent classes: settings, search, choice and files.
 
-``fitted.toml`` says how its parameters came about: no rate, no path, no host and no
+``fitted.toml`` describes how its parameters were fitted, without rates, paths, host and
 clock time, so that the same fit gives the same bytes.
 """
 
@@ -55,19 +55,34 @@ RATES_FILE = "fitted_rates.csv"
 PICTURE_FILE = "tradeoffs.png"
 HELD_OUT = "held_out"
 _POPULATIONS = (4, 10_000)
-_FAMILY_WORDS = {"sine": "sinusoids", "diharm": "diharmonics", "noise": "noises"}
+_FAMILY_NAMES = {"sine": "sinusoids", "diharm": "diharmonics", "noise": "noises"}
 
-# Called with the class and where its search stands.
+# Called with the class and the progress of its search.
 OnProgress: TypeAlias = Callable[[str, Progress], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitSettings:
-    """How long is searched, in which stimuli, and which candidate is taken.
+    """Settings of a fit: stimuli, length of the search, and selection of the candidate.
 
-    `families` of stimuli are fitted; the others are judged only. `cells` is None
-    for as many as each model has. With `held_out` each group of stimuli is predicted by
-    one fit more, that did not see it.
+    Parameters
+    ----------
+    families
+        Families of stimuli that are fitted; the others are predicted. Default: sinusoids.
+    preindent_um
+        Depth of the probe before time 0, in um. Default: 0.
+    cells
+        Cells of a candidate. Default: the number of each model.
+    evaluations
+        Candidates evaluated per search. Default: 10 000.
+    population
+        Candidates per generation. Default: 200.
+    seed
+        Seed of the search. Default: 1.
+    rule
+        Rule of `neural.search.RULES` that selects a candidate. Default: smallest_error.
+    held_out
+        Predict each group of stimuli by a fit without that group. Default: False.
     """
 
     families: tuple[str, ...] = FAMILIES[:1]
@@ -95,13 +110,13 @@ class FitSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """Fit of one class: what was minimised, what was found, what was taken and why.
+    """Fit of one class: problem, front, choice, parameters and rates.
 
     `rates` has a row for each observed stimulus, those of the fit (``seen``) first:
-    ``stimulus, family, group, level_um, seen, observed_ips, predicted_ips``. Of those seen also
-    ``published_ips``, by Table 2 with no pre-indentation, as the paper has it, and, where that
-    was asked for, ``held_out_ips``, by a fit that did not see their group; else NaN.
-    `seconds` is how long the search took.
+    ``stimulus, family, group, level_um, seen, observed_ips, predicted_ips``. Stimuli of the fit
+    also have ``published_ips``, the rate with Table 2 and no pre-indentation as in the
+    paper, and, where requested, ``held_out_ips``, the rate by a fit without their group;
+    otherwise NaN. `seconds` is the duration of the search.
     """
 
     problem: FitProblem
@@ -113,7 +128,7 @@ class Fit:
 
     @property
     def afferent(self) -> str:
-        """The class."""
+        """Afferent class."""
         return self.problem.model.afferent
 
     @property
@@ -123,26 +138,26 @@ class Fit:
 
     @property
     def held_out(self) -> bool:
-        """Whether each group was predicted by a fit that did not see it."""
+        """Whether each group was also predicted by a fit without it."""
         return bool(self.seen["held_out_ips"].notna().all())
 
     def agreement(self, column: str = "predicted_ips") -> Agreement:
-        """Agreement of a column of `rates` over all stimuli of the fit."""
+        """Agreement of a column of `rates` with the observed ones, over the stimuli of the fit."""
         return agreement(self.seen["observed_ips"], self.seen[column])
 
     def agreement_rows(self) -> list[Table]:
-        """Agreement with observed rates: of each group and family, first of those seen."""
+        """Agreement with observed rates by group and family, those of the fit first."""
         return agreement_rows(self.rates)
 
 
 def agreement_rows(rates: pd.DataFrame) -> list[Table]:
-    """Agreement over each group, over each family, and over all families, seen or not."""
+    """Agreement by group, by family and over all families, for fitted and unseen stimuli."""
     parts: list[tuple[Any, Any, pd.DataFrame]] = []
     for _, judged in rates.groupby("seen", sort=False):
         families = judged.groupby("family", sort=False)
-        for family, mine in families:
-            groups = mine.groupby("group", sort=False)
-            parts += [(family, name, part) for name, part in (*groups, (EVERY, mine))]
+        for family, family_rates in families:
+            groups = family_rates.groupby("group", sort=False)
+            parts += [(family, name, part) for name, part in (*groups, (EVERY, family_rates))]
         if families.ngroups > 1:
             parts.append((EVERY, EVERY, judged))
     return [
@@ -158,27 +173,27 @@ def agreement_rows(rates: pd.DataFrame) -> list[Table]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FitRun:
-    """Fits of the classes that were asked for, in that order.
+    """Fits of the `requested` classes, in that order.
 
-    After an interrupt the last one may not be `finished`, and later ones absent.
-    `provenance` is the section ``fit`` of the file of parameters: see `fit_table`.
+    After an interrupt the last fit may be incomplete and later ones absent. `provenance` is
+    the section ``fit`` of the parameter file: see `fit_table`.
     """
 
     fits: tuple[Fit, ...]
-    asked: tuple[str, ...]
+    requested: tuple[str, ...]
     settings: FitSettings
     provenance: Table = field(default_factory=dict)
 
     @property
     def finished(self) -> bool:
-        """Whether every class is there and was searched to the end."""
-        return len(self.fits) == len(self.asked) and all(
+        """Whether every requested class has a complete search."""
+        return len(self.fits) == len(self.requested) and all(
             fit.front.finished and (fit.held_out or not self.settings.held_out) for fit in self.fits
         )
 
     @property
     def front_files(self) -> list[str]:
-        """File with the front of each class."""
+        """Names of the files with the front of each class."""
         return [front_file(fit.afferent) for fit in self.fits]
 
 
@@ -192,19 +207,34 @@ def fit_afferents(
     on_progress: OnProgress | None = None,
     log: Callable[[str], None] = lambda line: None,
 ) -> FitRun:
-    """Fit each class of `models` to its observed rates, one after the other.
+    """Fits of the classes of `models` to their observed rates, one after the other.
 
-    The same seed gives the same fits. An interrupt from the keyboard ends the search
-    at its last whole generation and leaves later classes out. `targets_of` a model is
-    what else is fitted; `on_progress` is called with each generation, `log` with a line
-    about each fit.
+    The same seed gives the same fits. Ctrl-C ends the search at its last complete
+    generation and leaves later classes out.
+
+    Parameters
+    ----------
+    observed
+        Observed rates.
+    response
+        Response map with the stress of each class.
+    models
+        Model of each class to fit.
+    settings
+        Settings of the fit. Default: `FitSettings()`.
+    targets_of
+        Function from a model to its targets other than rates. Default: none.
+    on_progress
+        Called after each generation. Default: None.
+    log
+        Called with a line about each fit. Default: no log.
 
     Raises
     ------
     UsageError, ResponseError
         No class, or one without observed rates; a stimulus deeper than the response.
     KeyboardInterrupt
-        Before the first generation of the first class was whole.
+        Before the first generation of the first class was complete.
     """
     settings = settings or FitSettings()
     if not models:
@@ -223,10 +253,10 @@ def fit_afferents(
     for problem in problems:
         if settings.held_out and len(problem.group_names) < 2:
             raise UsageError(
-                f"{problem.model.afferent}: rates of {problem.group_names[0]} only, expected two "
-                "groups or more to leave one out; fit without --held-out"
+                f"{problem.model.afferent}: only rates of {problem.group_names[0]}, expected two "
+                "or more groups; fit without --held-out"
             )
-    others = tuple(name for name in FAMILIES if name not in settings.families)
+    unseen_families = tuple(name for name in FAMILIES if name not in settings.families)
     search = {
         "evaluations": settings.evaluations,
         "seed": settings.seed,
@@ -241,14 +271,22 @@ def fit_afferents(
             choice = choose(problem, front, settings.rule)
             seconds = time.perf_counter() - start_s
             values = front.candidates[choice.row]
-            printed = model_named("published", model.afferent)
-            as_printed = fit_problem(observed, response, printed, families=settings.families)
-            table_2 = [getattr(PUBLISHED[model.afferent], one.field) for one in as_printed.free]
-            rates = _rates(observed, problem, settings.families, values, seen=True).assign(
-                published_ips=as_printed.rates_ips(np.array(table_2))[0], held_out_ips=math.nan
+            published_model = model_named("published", model.afferent)
+            published_problem = fit_problem(
+                observed, response, published_model, families=settings.families
             )
-            if observed_entries(observed, model.afferent, others):
-                unseen = _rates(observed, problem_of(model, families=others), others, values)
+            table_2 = [
+                getattr(PUBLISHED[model.afferent], parameter.field)
+                for parameter in published_problem.free
+            ]
+            rates = _rates(observed, problem, settings.families, values, seen=True).assign(
+                published_ips=published_problem.rates_ips(np.array(table_2))[0],
+                held_out_ips=math.nan,
+            )
+            if observed_entries(observed, model.afferent, unseen_families):
+                unseen = _rates(
+                    observed, problem_of(model, families=unseen_families), unseen_families, values
+                )
                 rates = pd.concat([rates, unseen], ignore_index=True)
             fit = Fit(problem, front, choice, problem.parameters(values), rates, seconds)
             fits.append(fit)
@@ -260,10 +298,10 @@ def fit_afferents(
             if not front.finished:
                 break
             if settings.held_out:
-                left_ips = held_out_ips(problem, settings.rule, on_progress, **search)
-                rates.loc[rates["seen"], "held_out_ips"] = left_ips
+                held_out_rates_ips = held_out_ips(problem, settings.rule, on_progress, **search)
+                rates.loc[rates["seen"], "held_out_ips"] = held_out_rates_ips
                 log(
-                    f"{fit.afferent}, each group predicted without it: RMSE "
+                    f"{fit.afferent}, held-out groups: RMSE "
                     f"{fit.agreement('held_out_ips').rmse_ips:.3g} ips"
                 )
     except KeyboardInterrupt:
@@ -285,7 +323,7 @@ def _rates(
     *,
     seen: bool = False,
 ) -> pd.DataFrame:
-    """Rates of a candidate under the stimuli of `problem`, those of `families`."""
+    """Observed and predicted rates of a candidate under the stimuli of `problem`."""
     entries = observed_entries(observed, problem.model.afferent, families)
     return pd.DataFrame(
         {
@@ -303,18 +341,18 @@ def _rates(
 def write_fit(folder: Path, run: FitRun, name: str) -> None:
     """Write ``pareto_*.csv``, ``fitted.toml`` and ``fitted_rates.csv`` into `folder`.
 
-    `name` is what the parameters are called. A front is a row a candidate, the smallest
+    `name` is the name of the parameter set. A front has one row per candidate, the smallest
     total error first: its number from 1, whether it was chosen, its free parameters,
-    the RMSE of each group and that of all stimuli.
+    the RMSE of each group and the RMSE over all stimuli.
     """
     for fit, file in zip(run.fits, run.front_files, strict=True):
         front = fit.front
-        free = [one.field for one in front.free]
+        free = [parameter.field for parameter in front.free]
         groups = [f"rmse_{name.replace(' ', '_')}_ips" for name in front.groups]
-        others = [f"rms_{target.name}_error" for target in fit.problem.targets]
+        target_columns = [f"rms_{target.name}_error" for target in fit.problem.targets]
         errors = front.errors_ips2**0.5, front.target_errors**0.5
         table = pd.DataFrame(
-            np.hstack([front.candidates, *errors]), columns=[*free, *groups, *others]
+            np.hstack([front.candidates, *errors]), columns=[*free, *groups, *target_columns]
         )
         table.insert(0, "afferent", fit.afferent)
         table.insert(1, "candidate", table.index + 1)
@@ -329,10 +367,10 @@ def write_fit(folder: Path, run: FitRun, name: str) -> None:
         )
     ]
     write_rates(folder / RATES_FILE, rates)
-    whole = len(run.fits) == len(PUBLISHED)
+    is_complete = len(run.fits) == len(PUBLISHED)
     record = {
         "name": name,
-        **({} if whole else {"base": "published"}),
+        **({} if is_complete else {"base": "published"}),
         "preindent_um": float(run.settings.preindent_um),
         **parameters_to_table({fit.afferent: fit.parameters for fit in run.fits}),
         "fit": run.provenance,
@@ -343,14 +381,14 @@ def write_fit(folder: Path, run: FitRun, name: str) -> None:
 def fit_table(
     run: FitRun, observed: ObservedRates, source: ResponseSource, options: Mapping[str, object]
 ) -> Table:
-    """The section ``fit`` of a file of fitted parameters; `options` are as asked for."""
+    """Section ``fit`` of a parameter file; `options` are those of the command."""
     settings = run.settings
-    words = " and ".join(_FAMILY_WORDS[name] for name in settings.families)
+    family_text = " and ".join(_FAMILY_NAMES[name] for name in settings.families)
     classes = [fit.afferent for fit in run.fits]
-    state = "" if run.finished else ", interrupted"
+    state_text = "" if run.finished else ", interrupted"
     return {
         "source": f"fembridge fit: NSGA-II on observed rates of {', '.join(classes)}, "
-        f"{words}{state}",
+        f"{family_text}{state_text}",
         "finished": run.finished,
         "seed": settings.seed,
         "evaluations": settings.evaluations,
@@ -358,7 +396,7 @@ def fit_table(
         "rule": settings.rule,
         "families": list(settings.families),
         "afferents": classes,
-        "left_out": list(run.asked[len(run.fits) :]),
+        "left_out": list(run.requested[len(run.fits) :]),
         "versions": {
             "fembridge": __version__,
             "numpy": version("numpy"),
@@ -391,17 +429,17 @@ def _class_table(fit: Fit) -> Table:
         "free_parameters": len(free),
         **_targets_table(fit),
         "free": {
-            one.field: {
-                "low": one.low,
-                "high": one.high,
-                "unit": one.unit,
-                "scale": "even" if one.even else "logarithmic",
+            parameter.field: {
+                "low": parameter.low,
+                "high": parameter.high,
+                "unit": parameter.unit,
+                "scale": "even" if parameter.even else "logarithmic",
             }
-            for one in free
+            for parameter in free
         },
         "observed_rates": {
-            "fitted" if seen else "unseen": dict(Counter(mine["group"]))
-            for seen, mine in fit.rates.groupby("seen", sort=False)
+            "fitted" if seen else "unseen": dict(Counter(rates["group"]))
+            for seen, rates in fit.rates.groupby("seen", sort=False)
         },
         "agreement": [{key: row[key] for key in _AGREEMENT} for row in fit.agreement_rows()],
         **({HELD_OUT: _held_out_table(fit)} if fit.held_out else {}),
@@ -409,7 +447,7 @@ def _class_table(fit: Fit) -> Table:
 
 
 def _held_out_table(fit: Fit) -> Table:
-    """Rates of stimuli whose groups were left out, rounded: no rate that was observed."""
+    """Predicted rates of held-out stimuli, rounded; no observed rate."""
     row = fit.agreement("held_out_ips").to_row()
     return {
         "r_squared": row["r_squared"],
@@ -419,28 +457,32 @@ def _held_out_table(fit: Fit) -> Table:
 
 
 def _targets_table(fit: Fit) -> Table:
-    """RMS error of each target, and the parameters that only targets have."""
+    """RMS error of each target, and the parameters of targets alone."""
     targets, row = fit.problem.targets, fit.choice.row
     if not targets:
         return {}
     errors = np.sqrt(fit.front.target_errors[row]).tolist()
-    own = {one.field for target in targets for one in target.free}
+    target_fields = {parameter.field for target in targets for parameter in target.free}
     values = zip(fit.problem.free, fit.front.candidates[row].tolist(), strict=True)
     return {
         "targets": {target.name: error for target, error in zip(targets, errors, strict=True)},
-        **{one.field: value for one, value in values if one.field in own},
+        **{
+            parameter.field: value
+            for parameter, value in values
+            if parameter.field in target_fields
+        },
     }
 
 
 class SearchBar(Bars):
-    """A bar for the search of each class, called with how far it is."""
+    """Progress bar for the search of each class."""
 
     def __call__(self, afferent: str, progress: Progress) -> None:
-        """Move the bar of this class; take it away when the search ends."""
-        words = (
-            f"{progress.evaluations}/{progress.of} evaluations, front of "
+        """Update the bar of `afferent`; remove it at the end of the search."""
+        message = (
+            f"{progress.evaluations}/{progress.total_evaluations} evaluations, front of "
             f"{progress.front_size}, best RMSE {progress.least_rmse_ips:.3g} ips"
         )
-        self.show(afferent, progress.evaluations / progress.of, words)
-        if progress.evaluations >= progress.of:
+        self.show(afferent, progress.evaluations / progress.total_evaluations, message)
+        if progress.evaluations >= progress.total_evaluations:
             self.remove(afferent)

@@ -1,7 +1,7 @@
-"""Observed rates and the stress under each stimulus, made a problem for the search.
+"""Fit problem from observed rates and the stress under each stimulus.
 
 A group of stimuli is one objective: sinusoids of one frequency, diharmonics of one
-pair of components, noises of one band.
+pair of components, or noises of one band.
 """
 
 import math
@@ -40,7 +40,7 @@ from neural.models import DEFAULT_MODELS, MODELS, Model, model_named
 if TYPE_CHECKING:
     import pandas
 
-# How precise in time a spike is taken to be.
+# Time constant of spike distances: the assumed temporal precision of a spike.
 SPIKE_TAU_MS = 5.0
 
 EVERY = "all"
@@ -48,7 +48,7 @@ EVERY = "all"
 
 
 def group_of(entry: Entry) -> str:
-    """The group that `entry` is in: ``20 Hz``, ``10+50 Hz`` or ``5-25 Hz``."""
+    """Group of `entry`: ``20 Hz``, ``10+50 Hz`` or ``5-25 Hz``."""
     numbers = [number_text(number) for number in entry.numbers().values()]
     match entry:
         case Sine():
@@ -71,7 +71,7 @@ def observed_entries(
 
 
 def checked_model(name: str) -> str:
-    """`name` if it is a model of an afferent; a `UsageError` if not."""
+    """`name`, after a check that it is an afferent model; raises UsageError otherwise."""
     if name not in MODELS:
         raise UsageError(
             f"model {name!r}, expected one of {', '.join(MODELS)}; "
@@ -87,21 +87,21 @@ def models_to_fit(
     families: Sequence[str],
     log: Callable[[str], None],
 ) -> dict[str, Model]:
-    """Model of each class of `afferents`; of all, those that have rates and the model."""
-    of_drive = MODELS[checked_model(drive)] if drive else DEFAULT_MODELS
-    everything = afferents is None or EVERY in afferents
-    classes = list(dict.fromkeys(observed.afferents if everything else afferents or ()))
+    """Model of each class of `afferents`; for all classes, those with rates and the model."""
+    drive_models = MODELS[checked_model(drive)] if drive else DEFAULT_MODELS
+    is_all = afferents is None or EVERY in afferents
+    classes = list(dict.fromkeys(observed.afferents if is_all else afferents or ()))
     for name in classes:
-        observed.of(name)  # refuses one that was not observed
-    if everything:
-        rated = [name for name in classes if observed_entries(observed, name, families)]
-        for kept, why in (
-            (rated, f"no observed rates of family {' or '.join(families)}"),
-            (of_drive, f"model {drive!r} is of {', '.join(of_drive)}"),
+        observed.of(name)  # raises where the class was not observed
+    if is_all:
+        with_rates = [name for name in classes if observed_entries(observed, name, families)]
+        for selected, reason in (
+            (with_rates, f"no observed rates of family {' or '.join(families)}"),
+            (drive_models, f"model {drive!r} exists for {', '.join(drive_models)}"),
         ):
-            if kept and (lacking := [name for name in classes if name not in kept]):
-                log(f"{', '.join(lacking)} left out: {why}")
-                classes = [name for name in classes if name in kept]
+            if selected and (left_out := [name for name in classes if name not in selected]):
+                log(f"{', '.join(left_out)} left out: {reason}")
+                classes = [name for name in classes if name in selected]
     try:
         return {name: model_named(drive or DEFAULT_MODELS[name], name) for name in classes}
     except ParameterError as error:
@@ -118,27 +118,48 @@ def fit_problem(
     cells: int = 0,
     targets: Sequence[Target] = (),
 ) -> FitProblem:
-    """What a fit of the class and model of `model` minimises.
+    """Fit problem of `model` and the observed rates of its class.
 
-    Stimuli are those of `families`, in the order of `observed`; each is counted in its own
-    window. 0 `cells` are as many as the model has. A `UsageError` where no rate was
-    observed, a `ResponseError` where `response` lacks the class or is too shallow.
+    Parameters
+    ----------
+    observed
+        Observed rates.
+    response
+        Response map with the stress of the class.
+    model
+        Afferent model.
+    families
+        Families of stimuli, in the order of `observed`. Default: sinusoids. Spikes are
+        counted in the window of each stimulus.
+    preindent_um
+        Depth of the probe before time 0, in um. Default: 0.
+    cells
+        Cells of a candidate. Default: the number of the model.
+    targets
+        Objectives other than rates. Default: none.
+
+    Raises
+    ------
+    UsageError
+        No observed rates of the class and these families.
+    ResponseError
+        `response` lacks the class or is too shallow.
     """
     entries = observed_entries(observed, model.afferent, families)
     if not entries:
-        known = {entry.family for entry in observed_entries(observed, model.afferent)}
+        families_with_rates = {entry.family for entry in observed_entries(observed, model.afferent)}
         raise UsageError(
             f"no observed rates of {model.afferent} of family "
-            f"{' or '.join(families)}, only of {', '.join(sorted(known))}: "
+            f"{' or '.join(families)}, only of {', '.join(sorted(families_with_rates))}: "
             f"{observed.path}"
         )
     stimuli = [make_stimulus(entry, preindent_um=preindent_um) for entry in entries]
     names, rate_ips = observed.of(model.afferent)
-    by_name = dict(zip(names, rate_ips.tolist(), strict=True))
+    rate_by_stimulus = dict(zip(names, rate_ips.tolist(), strict=True))
     return FitProblem(
         model=model,
         stress_pa=response.stress_pa(model, stimuli),
-        observed_ips=np.array([by_name[entry.id] for entry in entries]),
+        observed_ips=np.array([rate_by_stimulus[entry.id] for entry in entries]),
         groups=tuple(map(group_of, entries)),
         windows_ms=tuple(entry.window_ms for entry in entries),
         dt_ms=DT_MS,
@@ -147,10 +168,10 @@ def fit_problem(
     )
 
 
-# Amplitudes of a threshold target: nine, from a quarter of the observed to four times it.
+# Amplitudes per observed threshold: nine, from a quarter of it to four times it.
 _LEVELS, _AROUND = 9, 4.0
 
-# Cycles of its vibrations; the first does not count for one impulse a cycle.
+# Cycles of its vibrations; the first is not counted for one impulse per cycle.
 _CYCLES = 3.0
 
 
@@ -160,31 +181,31 @@ def threshold_target(
     model: Model,
     preindent_um: float = 0.0,
 ) -> ThresholdTarget | None:
-    """Objective of the thresholds of a class; None where there is none in reach."""
-    reach_um = response.deepest_um - preindent_um
-    mine = observed[
-        (observed["afferent"] == model.afferent) & (observed["amplitude_um"] < reach_um)
+    """Objective of the thresholds of a class; None where `response` reaches none."""
+    deepest_um = response.deepest_um - preindent_um
+    rows = observed[
+        (observed["afferent"] == model.afferent) & (observed["amplitude_um"] < deepest_um)
     ]
-    if mine.empty:
+    if rows.empty:
         return None
     waves: list[Stimulus] = []
     levels, needed, windows = [], [], []
     for criterion, frequency_hz, amplitude_um in zip(
-        mine["criterion"], mine["frequency_hz"], mine["amplitude_um"], strict=True
+        rows["criterion"], rows["frequency_hz"], rows["amplitude_um"], strict=True
     ):
-        most_um = min(amplitude_um * _AROUND, reach_um)
+        most_um = min(amplitude_um * _AROUND, deepest_um)
         levels.append(np.geomspace(amplitude_um / _AROUND, most_um, _LEVELS))
         waves += [vibration(frequency_hz, a, preindent_um, cycles=_CYCLES) for a in levels[-1]]
         cycle_ms, end_ms = 1000.0 / frequency_hz, waves[-1].window_ms[1]
         cycles = math.floor(end_ms / cycle_ms + 1e-9) - 1
-        first = criterion == CRITERIA[0]
-        needed.append(1 if first else cycles)
-        windows.append((0.0, end_ms) if first else (cycle_ms, (cycles + 1) * cycle_ms))
+        is_first_impulse = criterion == CRITERIA[0]
+        needed.append(1 if is_first_impulse else cycles)
+        windows.append((0.0, end_ms) if is_first_impulse else (cycle_ms, (cycles + 1) * cycle_ms))
     stress_pa = response.stress_pa(model, waves)
     return ThresholdTarget(
         stress_pa=stress_pa.reshape(len(stress_pa), -1, _LEVELS),
         amplitudes_um=np.array(levels),
-        observed_um=mine["amplitude_um"].to_numpy(np.float64),
+        observed_um=rows["amplitude_um"].to_numpy(np.float64),
         needed=np.array(needed),
         windows_ms=tuple(windows),
     )
@@ -196,23 +217,23 @@ def phase_target(
     model: Model,
     preindent_um: float = 0.0,
 ) -> PhaseTarget | None:
-    """Objective of the vector strengths of a class; None where there are none.
+    """Objective of the vector strengths of a class; None where none was observed.
 
     `observed` has ``afferent, frequency_hz, amplitude_um, strength_f, strength_2f``.
     """
-    mine = observed[observed["afferent"] == model.afferent]
-    if mine.empty:
+    rows = observed[observed["afferent"] == model.afferent]
+    if rows.empty:
         return None
     waves = [
         vibration(frequency_hz, amplitude_um, preindent_um)
         for frequency_hz, amplitude_um in zip(
-            mine["frequency_hz"], mine["amplitude_um"], strict=True
+            rows["frequency_hz"], rows["amplitude_um"], strict=True
         )
     ]
     return PhaseTarget(
         stress_pa=response.stress_pa(model, waves),
-        frequencies_hz=mine["frequency_hz"].to_numpy(np.float64),
-        strengths=mine[["strength_f", "strength_2f"]].to_numpy(np.float64),
+        frequencies_hz=rows["frequency_hz"].to_numpy(np.float64),
+        strengths=rows[["strength_f", "strength_2f"]].to_numpy(np.float64),
     )
 
 
@@ -223,18 +244,20 @@ def timing_target(
     preindent_um: float = 0.0,
     distance: str = DISTANCES[0],
 ) -> TimingTarget | None:
-    """Objective of the spike times of a class; None where there are none."""
-    mine = [train for train in trains if train.afferent == model.afferent]
-    if not mine:
+    """Objective of the spike times of a class; None where none was recorded."""
+    recorded = [train for train in trains if train.afferent == model.afferent]
+    if not recorded:
         return None
-    ids = list(dict.fromkeys(train.stimulus for train in mine))
+    ids = list(dict.fromkeys(train.stimulus for train in recorded))
     stimuli = [make_stimulus(resolve(name)[0], preindent_um=preindent_um) for name in ids]
-    if len({each.displacement_um.size for each in stimuli}) > 1:
-        raise UsageError(f"spikes of stimuli of unequal lengths, expected of one: {', '.join(ids)}")
+    if len({stimulus.displacement_um.size for stimulus in stimuli}) > 1:
+        raise UsageError(
+            f"stimuli of the spikes have unequal lengths, expected equal: {', '.join(ids)}"
+        )
     return TimingTarget(
         stress_pa=response.stress_pa(model, stimuli),
         trains_ms=tuple(
-            tuple(train.times_ms for train in mine if train.stimulus == name) for name in ids
+            tuple(train.times_ms for train in recorded if train.stimulus == name) for name in ids
         ),
         tau_ms=SPIKE_TAU_MS,
         distance=distance,
@@ -243,23 +266,23 @@ def timing_target(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResponseSource:
-    """A response map and its file."""
+    """Response map and its file; `stored` where it is shipped with fembridge."""
 
     response: ResponseMap
     path: Path
     stored: bool
 
     def to_table(self) -> Table:
-        """Where the stress comes from, for TOML and without any path."""
+        """Description of the response map for TOML, without paths."""
         origin, closure_percent = self.response.origin, self.response.closure_percent
         finger = origin.get("finger")
-        known = finger_id(finger) if isinstance(finger, dict) else {}
+        identity = finger_id(finger) if isinstance(finger, dict) else {}
         table = {
             "source": "stored response" if self.stored else "solved response",
             "file": self.path.name,
             "sha256": sha256_of(self.path),
-            "finger": known.get("name"),
-            "finger_sha256": known.get("sha256"),
+            "finger": identity.get("name"),
+            "finger_sha256": identity.get("sha256"),
             **{key: origin.get(key) for key in ("solver", "element", "deck_sha256")},
             "closure_percent": None if math.isnan(closure_percent) else closure_percent,
         }
@@ -267,18 +290,18 @@ class ResponseSource:
 
 
 def stored_source(finger: str, depth_um: float = 0.0) -> ResponseSource:
-    """The stored response of a reference finger, ``quick`` or ``paper``, to that depth."""
+    """Stored response of a reference finger, ``quick`` or ``paper``, down to `depth_um`."""
     response = stored_response(read_finger(finger), Probe(), "CPE4", depth_um=depth_um)
     return ResponseSource(response, FOLDER / f"{finger}.toml", stored=True)
 
 
-def solved_source(place: Path) -> ResponseSource:
-    """A response that was solved: its file, its folder, or simulate's output."""
-    known = (place / MAP_FILE, place / RESPONSE_FOLDER / MAP_FILE)
-    path = next(filter(Path.is_file, known), place)
-    if path.is_dir():
+def solved_source(path: Path) -> ResponseSource:
+    """Solved response from its file, its folder, or the output folder of ``simulate``."""
+    candidates = (path / MAP_FILE, path / RESPONSE_FOLDER / MAP_FILE)
+    map_path = next(filter(Path.is_file, candidates), path)
+    if map_path.is_dir():
         raise ResponseError(
-            f"{place}: no {MAP_FILE} here nor in {RESPONSE_FOLDER}/, expected what "
-            "`fembridge simulate` keeps of a solved response"
+            f"{path}: no {MAP_FILE} here nor in {RESPONSE_FOLDER}/, expected the "
+            "output folder of `fembridge simulate`"
         )
-    return ResponseSource(read_map(path), path, stored=False)
+    return ResponseSource(read_map(map_path), map_path, stored=False)

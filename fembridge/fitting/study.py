@@ -1,8 +1,8 @@
-"""A model study: models fitted to the same rates, and judged on what they did not see.
+"""Model study: models fitted to the same rates and compared on held-out frequencies.
 
-A case is a model with a number of cells at a pre-indentation. Each is fitted to all
-sinusoids, and then without each frequency in turn, which is predicted; both again
-with other seeds. Written are a row a seed as CSV, and the summary as Markdown.
+A case is a model with a number of cells at a pre-indentation. Each case is fitted to all
+sinusoids, and without each frequency in turn, which is then predicted; both with several
+seeds. The results are a CSV file with one row per case and seed, and a Markdown summary.
 """
 
 from collections import deque
@@ -33,7 +33,7 @@ CASES_FILE = "study.csv"
 SUMMARY_FILE = "study.md"
 SEEDS = (1, 2, 3)
 CASE = ("afferent", "drive", "cells", "preindent_um", "free_parameters")
-"""Columns of the trials that say which case it is."""
+"""Columns of the trials that identify a case."""
 
 # Pre-indentations at which the default models are compared.
 _DEPTHS_UM = (0.0, 25.0, 50.0, 75.0, 100.0, 125.0, 150.0)
@@ -42,7 +42,7 @@ _MANY_CELLS = 5
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One model of one class, and how deep the probe is before time 0."""
+    """Model of one class, its number of cells, and the depth of the probe before time 0 in um."""
 
     model: str
     afferent: str
@@ -52,13 +52,13 @@ class Case:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelStudy:
-    """What was tried; `unfitted` is Table 2 as printed, by class.
+    """Trials of all cases; `unfitted` is the agreement of Table 2 as printed, by class.
 
     After an interrupt it is not `finished`, and later cases are absent.
 
-    `trials` has a row a case and seed: `CASE`, ``seed``, R² and RMSE over the stimuli of
-    the fit (``fitted_*``) and over all, each predicted by a fit without its group
-    (``held_out_*``), and ``parameters``.
+    `trials` has a row per case and seed: `CASE`, ``seed``, R² and RMSE over the stimuli of
+    the fit (``fitted_*``) and of held-out predictions, each by a fit without the group of the
+    stimulus (``held_out_*``), and ``parameters``.
     """
 
     trials: pd.DataFrame
@@ -71,21 +71,21 @@ class ModelStudy:
         return [part for _, part in self.trials.groupby(list(CASE), sort=False)]
 
     def ranked(self, afferent: str) -> list[pd.DataFrame]:
-        """Trials of each case of a class; the smallest median held-out RMSE first."""
-        mine = [part for part in self.cases if part["afferent"].iloc[0] == afferent]
-        return sorted(mine, key=lambda part: part["held_out_rmse_ips"].median())
+        """Trials of each case of a class, the smallest median held-out RMSE first."""
+        cases = [part for part in self.cases if part["afferent"].iloc[0] == afferent]
+        return sorted(cases, key=lambda part: part["held_out_rmse_ips"].median())
 
 
 def default_cases(afferents: Sequence[str]) -> tuple[Case, ...]:
-    """Every model with its own cells, with and without pre-indentation; and more.
+    """Cases of the model study for the classes `afferents`.
 
-    The default models over a range of pre-indentations, and with one cell; the published
-    model with many.
+    Every model with its own number of cells, with and without pre-indentation; the default
+    models at several pre-indentations and with one cell; the published model with five.
     """
-    own_um = parameter_set(DEFAULT_SET).preindent_um
+    default_um = parameter_set(DEFAULT_SET).preindent_um
     cases = [
         Case(name, afferent, rows[afferent].cells, depth_um)
-        for depth_um in (0.0, own_um)
+        for depth_um in (0.0, default_um)
         for name, rows in MODELS.items()
         for afferent in afferents
         if afferent in rows
@@ -94,8 +94,11 @@ def default_cases(afferents: Sequence[str]) -> tuple[Case, ...]:
         name = DEFAULT_MODELS[afferent]
         cells = MODELS[name][afferent].cells
         cases += [Case(name, afferent, cells, depth_um) for depth_um in _DEPTHS_UM]
-        cases.append(Case(name, afferent, 1, own_um))
-        cases += [Case("published", afferent, _MANY_CELLS, each_um) for each_um in (0.0, own_um)]
+        cases.append(Case(name, afferent, 1, default_um))
+        cases += [
+            Case("published", afferent, _MANY_CELLS, preindent_um)
+            for preindent_um in (0.0, default_um)
+        ]
     return tuple(dict.fromkeys(cases))
 
 
@@ -109,10 +112,26 @@ def study_models(
     jobs: int = 1,
     on_case: Callable[[pd.DataFrame], None] = lambda trials: None,
 ) -> ModelStudy:
-    """Fit and cross-validate every case, once; `jobs` processes share them.
+    """Trials of every case, fitted and cross-validated; duplicates are fitted once.
 
-    `on_case` is called with the trials of each. An interrupt from the keyboard keeps those
-    that are finished.
+    Ctrl-C keeps the finished cases.
+
+    Parameters
+    ----------
+    observed
+        Observed rates.
+    response
+        Response map with the stress of each class.
+    cases
+        Cases of the study.
+    seeds
+        Seeds of the search. Default: 1, 2 and 3.
+    evaluations
+        Candidates evaluated per search. Default: 10 000.
+    jobs
+        Number of processes. Default: 1.
+    on_case
+        Called with the trials of each finished case. Default: nothing.
 
     Raises
     ------
@@ -121,24 +140,26 @@ def study_models(
     """
     if not cases or not seeds or min(seeds) < 0 or jobs < 1:
         raise UsageError(
-            f"{len(cases)} cases, seeds {list(seeds)} and {jobs} jobs, expected one of each "
-            "or more, and no seed below 0"
+            f"{len(cases)} cases, seeds {list(seeds)} and {jobs} jobs, expected one or more of "
+            "each, and no seed below 0"
         )
     cases = tuple(dict.fromkeys(cases))
     trials_of = partial(_trials_of, observed, response, tuple(seeds), evaluations)
-    found: dict[Case, pd.DataFrame] = {}
+    trials_by_case: dict[Case, pd.DataFrame] = {}
     try:
         with executor_of(jobs) as executor:
             submit = partial(executor.submit, trials_of)
             for case, trials in finished(submit, deque(cases), jobs):
-                found[case] = trials.result()
-                on_case(found[case])
+                trials_by_case[case] = trials.result()
+                on_case(trials_by_case[case])
     except KeyboardInterrupt:
-        if not found:
+        if not trials_by_case:
             raise
-    table = pd.concat([found[case] for case in cases if case in found], ignore_index=True)
+    table = pd.concat(
+        [trials_by_case[case] for case in cases if case in trials_by_case], ignore_index=True
+    )
     unfitted = {name: _unfitted(observed, response, name) for name in table["afferent"].unique()}
-    return ModelStudy(table, unfitted, len(found) == len(cases))
+    return ModelStudy(table, unfitted, len(trials_by_case) == len(cases))
 
 
 def _trials_of(
@@ -148,20 +169,20 @@ def _trials_of(
     evaluations: int,
     case: Case,
 ) -> pd.DataFrame:
-    """A row a seed of one case."""
+    """Rows of one case, one per seed."""
     model = model_named(case.model, case.afferent)
     depth_um, cells = case.preindent_um, case.cells
     problem = fit_problem(observed, response, model, preindent_um=depth_um, cells=cells)
-    free = [one.field for one in problem.free]
+    free = [parameter.field for parameter in problem.free]
     rows = []
     for seed in seeds:
         front = search_front(problem, seed=seed, evaluations=evaluations)
         if not front.finished:
             raise KeyboardInterrupt
         values = front.candidates[choose(problem, front).row]
-        left_ips = held_out_ips(problem, seed=seed, evaluations=evaluations)
+        held_out_rates_ips = held_out_ips(problem, seed=seed, evaluations=evaluations)
         fitted = agreement(problem.observed_ips, problem.rates_ips(values)[0])
-        held_out = agreement(problem.observed_ips, left_ips)
+        held_out = agreement(problem.observed_ips, held_out_rates_ips)
         rows.append(
             {
                 "afferent": case.afferent,
@@ -183,7 +204,7 @@ def _trials_of(
 
 
 def _unfitted(observed: ObservedRates, response: ResponseMap, afferent: str) -> Agreement:
-    """Agreement of Table 2 as it is printed, without pre-indentation."""
+    """Agreement of Table 2 as printed, without pre-indentation."""
     problem = fit_problem(observed, response, model_named("published", afferent))
     runs = encode_cells(problem.stress_pa, problem.dt_ms, PUBLISHED[afferent])
     rates = [
@@ -193,7 +214,7 @@ def _unfitted(observed: ObservedRates, response: ResponseMap, afferent: str) -> 
 
 
 def write_cases(path: Path, study: ModelStudy) -> None:
-    """Write a row a case and seed; ``parameters`` as ``name=value`` with blanks."""
+    """Write a CSV file with one row per case and seed; ``parameters`` are ``name=value``."""
     table = study.trials.copy()
     for end, text in (("preindent_um", "{:g}"), ("r_squared", "{:.4f}"), ("rmse_ips", "{:.3f}")):
         for name in table.columns[table.columns.str.endswith(end)]:
@@ -202,14 +223,16 @@ def write_cases(path: Path, study: ModelStudy) -> None:
 
 
 def summary_text(study: ModelStudy) -> str:
-    """A table a class, the smallest held-out error first; medians over seeds."""
+    """Markdown with a table per class, the smallest held-out error first; medians over seeds."""
     errors = ("R² fitted", "RMSE fitted", "R² held out", "RMSE held out (range)")
     blocks = []
     for afferent, unfitted in study.unfitted.items():
         rows = []
         for trials in study.ranked(afferent):
             case, median = trials.iloc[0], trials.median(numeric_only=True)
-            left_ips = trials["held_out_rmse_ips"]
+            held_out_ips = trials["held_out_rmse_ips"]
+            range_text = f"{held_out_ips.min():.1f}–{held_out_ips.max():.1f}"
+            held_out_text = f"{held_out_ips.median():.1f} ({range_text})"
             rows.append(
                 [
                     *(case["drive"], case["cells"], f"{case['preindent_um']:g}"),
@@ -217,11 +240,16 @@ def summary_text(study: ModelStudy) -> str:
                     f"{median['fitted_r_squared']:.3f}",
                     f"{median['fitted_rmse_ips']:.1f}",
                     f"{median['held_out_r_squared']:.3f}",
-                    f"{left_ips.median():.1f} ({left_ips.min():.1f}–{left_ips.max():.1f})",
+                    held_out_text,
                 ]
             )
-        as_printed = [f"{unfitted.regression.r_squared:.3f}", f"{unfitted.rmse_ips:.1f}", "", ""]
-        rows.append(["published, Table 2 as printed", 1, 0, 0, *as_printed])
+        published_cells = [
+            f"{unfitted.regression.r_squared:.3f}",
+            f"{unfitted.rmse_ips:.1f}",
+            "",
+            "",
+        ]
+        rows.append(["published, Table 2 as printed", 1, 0, 0, *published_cells])
         head = ["model", "cells", "pre-indented (µm)", "free", *errors]
         blocks.append(
             f"### {afferent}\n\n{markdown(pd.DataFrame(rows, columns=head).astype(str))}\n"

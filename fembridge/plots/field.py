@@ -1,4 +1,4 @@
-"""A receptive field: impulses of one afferent against the place of the probe."""
+"""A receptive field: impulses of one afferent against the position of the probe."""
 
 from typing import TYPE_CHECKING
 
@@ -18,29 +18,29 @@ from fembridge.touching.field import ReceptiveField
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_MOST_PANELS = 5
+_MAX_PANELS = 5
 _SHOWN_MM = 6.0
 
 
 @in_style
 def field_figure(field: ReceptiveField) -> "Figure":
-    """Maps of impulses, one a depth, with the field's border; and area against depth."""
+    """Maps of impulses, one per depth, with the field's border; and area against depth."""
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
     count = len(field.depth_um)
-    chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST_PANELS)).astype(int))
+    rows = np.unique(np.linspace(0, count - 1, min(count, _MAX_PANELS)).astype(int))
     colour = AFFERENT_COLOURS[field.afferent]
     colours = LinearSegmentedColormap.from_list("impulses", ["#FFFFFF", colour])
-    half = min(_SHOWN_MM, float(field.z_mm[-1]))
-    width_in = (PAGE_WIDTH_IN - 0.8) / _MOST_PANELS
-    tall_in = width_in * half / float(field.x_mm[-1])
-    figure = Figure(figsize=(PAGE_WIDTH_IN, tall_in + 2.25), layout="constrained")
-    grid = figure.add_gridspec(2, _MOST_PANELS, height_ratios=[tall_in, 1.3])
-    most = max(int(field.impulses.max()), 1)
+    half_mm = min(_SHOWN_MM, float(field.z_mm[-1]))
+    width_in = (PAGE_WIDTH_IN - 0.8) / _MAX_PANELS
+    height_in = width_in * half_mm / float(field.x_mm[-1])
+    figure = Figure(figsize=(PAGE_WIDTH_IN, height_in + 2.25), layout="constrained")
+    grid = figure.add_gridspec(2, _MAX_PANELS, height_ratios=[height_in, 1.3])
+    highest = max(int(field.impulses.max()), 1)
     panels = []
-    for column, row in enumerate(chosen):
+    for column, row in enumerate(rows):
         panel = figure.add_subplot(grid[0, column])
         image = panel.pcolormesh(
             field.x_mm,
@@ -48,7 +48,7 @@ def field_figure(field: ReceptiveField) -> "Figure":
             field.impulses[row].T,
             cmap=colours,
             vmin=0,
-            vmax=most,
+            vmax=highest,
             shading="nearest",
             rasterized=True,
         )
@@ -59,11 +59,13 @@ def field_figure(field: ReceptiveField) -> "Figure":
                 field.x_mm, field.z_mm, border, levels=[0.5], colors=[INK], linewidths=[LINE_PT]
             )
         panel.set_aspect("equal")
-        panel.set_ylim(-half, half)
+        panel.set_ylim(-half_mm, half_mm)
         panel.set_xlabel("Across (mm)")
         panel.set_ylabel("Along (mm)" if not column else "")
-        _, _, area, whole = field.areas.iloc[row]
-        panel.set_title(f"{field.depth_um[row]:.0f} µm\n{'' if whole else '> '}{area:.1f} mm²")
+        _, _, area_mm2, is_complete = field.areas.iloc[row]
+        panel.set_title(
+            f"{field.depth_um[row]:.0f} µm\n{'' if is_complete else '> '}{area_mm2:.1f} mm²"
+        )
         panels.append(panel)
     bar = figure.colorbar(image, ax=panels, fraction=0.02, pad=0.01)
     bar.set_label("Impulses")
@@ -74,8 +76,8 @@ def field_figure(field: ReceptiveField) -> "Figure":
     panel.set_ylim(bottom=0)
     panel.set_xlabel("Depth of the probe (µm)")
     panel.set_ylabel("Area (mm²)")
-    for each in figure.axes:
-        make_plain(each)
-    words = f"{field.afferent}, probe {field.probe_diameter_mm:g} mm, threshold "
-    figure.suptitle(f"{words}{field.threshold_um:.3g} µm", **class_style(field.afferent))
+    for axes in figure.axes:
+        make_plain(axes)
+    title = f"{field.afferent}, probe {field.probe_diameter_mm:g} mm, threshold "
+    figure.suptitle(f"{title}{field.threshold_um:.3g} µm", **class_style(field.afferent))
     return figure

@@ -1,11 +1,11 @@
-"""What a fit traded, and what a study of models found.
+"""Trade-offs of a fit, and the held-out errors of a model study.
 
-`tradeoffs_figure` has a row a class. Left the error of every candidate at each frequency, a
-line each; then the two frequencies between which there is most to choose; right observed
-rates against amplitude, with those of the candidate that was taken.
+`tradeoffs_figure` has one row per class. On the left the error of every candidate at each
+frequency; then the two frequencies with the strongest trade-off; on the right observed rates
+against amplitude, with those of the selected candidate.
 
-`study_figure` is the held-out error of every model of a study, a panel a class, the best on
-top.
+`study_figure` shows the held-out error of every model of a study, one panel per class, the
+best model on top.
 """
 
 from itertools import combinations
@@ -44,23 +44,23 @@ _LINES_IN, _PAIR_IN, _RATES_IN, _ROW_IN = 2.5, 1.7, 1.15, 1.55
 _LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 0.95, 0.15, 0.72, 0.46
 _STUDY_ROW_IN = 0.17
 _GAP_IN, _RATES_GAP_IN, _ROW_GAP_IN = 0.62, 0.12, 0.46
-# A group is at least this wide; of more than these, names are written aslant.
-_GROUP_IN, _MOST_LEVEL_NAMES = 0.42, 6
-_MOST_OPAQUE, _LEAST_OPAQUE = 0.45, 0.10
-_ROOM, _AMPLITUDE_ROOM = 1.08, 1.4
+# Least width of a group in inches; names of more groups than this are slanted.
+_GROUP_IN, _MAX_LEVEL_NAMES = 0.42, 6
+_MAX_ALPHA, _MIN_ALPHA = 0.45, 0.10
+_MARGIN, _AMPLITUDE_MARGIN = 1.08, 1.4
 _DOT_PT, _RING_PT = 3.0, 7.0
 
 _PUBLISHED: dict[str, Any] = {"color": "#777777", "dashes": (4, 2), "zorder": 3}
-_CHOSEN: dict[str, Any] = {"color": INK, "linewidth": 2 * LINE_PT, "zorder": 4}
+_SELECTED: dict[str, Any] = {"color": INK, "linewidth": 2 * LINE_PT, "zorder": 4}
 
 
 @in_style
 def tradeoffs_figure(run: FitRun) -> "Figure":
-    """The fits of `run`, a row a class."""
+    """Fits of `run`, one row per class."""
     columns = list(dict.fromkeys(name for fit in run.fits for name in fit.problem.group_names))
-    lines_in = max(_LINES_IN, _GROUP_IN * len(columns))
+    errors_in = max(_LINES_IN, _GROUP_IN * len(columns))
     rates_in = [_RATES_IN, _RATES_GAP_IN] * len(columns)
-    widths_in = [_LEFT_IN, lines_in, _GAP_IN, _PAIR_IN, _GAP_IN, *rates_in[:-1], _RIGHT_IN]
+    widths_in = [_LEFT_IN, errors_in, _GAP_IN, _PAIR_IN, _GAP_IN, *rates_in[:-1], _RIGHT_IN]
     heights_in = [_TOP_IN, *[_ROW_IN, _ROW_GAP_IN] * len(run.fits)]
     figure, new_panel = grid_figure(widths_in, [*heights_in[:-1], _BOTTOM_IN])
     titles = ["Error of each candidate", "Strongest trade-off", *columns]
@@ -69,8 +69,8 @@ def tradeoffs_figure(run: FitRun) -> "Figure":
         if not row:
             for panel, title in zip(panels, titles, strict=True):
                 panel.set_title(title, fontsize=TEXT_PT)
-        _draw_lines(panels[0], fit)
-        _draw_pair(panels[1], fit)
+        _draw_errors(panels[0], fit)
+        _draw_tradeoff(panels[1], fit)
         _draw_rates(panels[2:], columns, fit)
     families = set(run.fits[-1].seen["family"])
     width_in, height_in = figure.get_size_inches()
@@ -84,7 +84,7 @@ def tradeoffs_figure(run: FitRun) -> "Figure":
     )
     legend_above(
         figure,
-        [{"color": FAINT, "linewidth": 2 * LINE_PT}, _CHOSEN, _PUBLISHED, OBSERVED_DOTS],
+        [{"color": FAINT, "linewidth": 2 * LINE_PT}, _SELECTED, _PUBLISHED, OBSERVED_DOTS],
         ["candidates of the front", "chosen", "Table 2 of the paper", "observed rates"],
         handlelength=2.6,
         fontsize=TEXT_PT,
@@ -93,9 +93,9 @@ def tradeoffs_figure(run: FitRun) -> "Figure":
 
 
 def strongest_tradeoff(errors: FloatArray) -> tuple[int, int]:
-    """The two columns of ``(candidate, group)`` that rank candidates most differently.
+    """The two columns of `errors` ``(candidate, group)`` with the least rank correlation.
 
-    The least rank correlation; the first of equals. Two groups or more.
+    The first of equal pairs; `errors` has two columns or more.
     """
     ranks = errors.argsort(axis=0, kind="stable").argsort(axis=0, kind="stable")
     centred = ranks - ranks.mean(axis=0)
@@ -103,29 +103,29 @@ def strongest_tradeoff(errors: FloatArray) -> tuple[int, int]:
     return min(combinations(range(errors.shape[1]), 2), key=lambda pair: products[pair])
 
 
-def _draw_lines(panel: "Axes", fit: Fit) -> None:
-    """Lay a line of errors over the groups for each candidate of the front."""
+def _draw_errors(panel: "Axes", fit: Fit) -> None:
+    """Draw the errors of each candidate of the front as a line over the groups."""
     style = class_style(fit.afferent, TEXT_PT + 3)
     rmse_ips = np.sqrt(fit.front.errors_ips2)
     as_printed_ips = fit.seen["published_ips"].to_numpy()
     published_ips = np.sqrt(fit.problem.group_errors(as_printed_ips[None])[0])
-    along = np.arange(rmse_ips.shape[1])
-    opaque = float(np.clip(8.0 / len(rmse_ips), _LEAST_OPAQUE, _MOST_OPAQUE))
-    panel.plot(along, rmse_ips.T, color=style["color"], alpha=opaque)
-    panel.plot(along, published_ips, **_PUBLISHED)
-    panel.plot(along, rmse_ips[fit.choice.row], marker="o", markersize=_DOT_PT + 1, **_CHOSEN)
-    panel.set_xticks(along, fit.problem.group_names)
-    if len(along) > _MOST_LEVEL_NAMES:
-        for name in panel.get_xticklabels():
-            name.set(rotation=30, ha="right", rotation_mode="anchor")
-    panel.set_xlim(-0.15, len(along) - 0.85)
-    panel.set_ylim(0.0, _ROOM * max(rmse_ips.max(), published_ips.max(), 1.0))
+    positions = np.arange(rmse_ips.shape[1])
+    alpha = float(np.clip(8.0 / len(rmse_ips), _MIN_ALPHA, _MAX_ALPHA))
+    panel.plot(positions, rmse_ips.T, color=style["color"], alpha=alpha)
+    panel.plot(positions, published_ips, **_PUBLISHED)
+    panel.plot(positions, rmse_ips[fit.choice.row], marker="o", markersize=_DOT_PT + 1, **_SELECTED)
+    panel.set_xticks(positions, fit.problem.group_names)
+    if len(positions) > _MAX_LEVEL_NAMES:
+        for label in panel.get_xticklabels():
+            label.set(rotation=30, ha="right", rotation_mode="anchor")
+    panel.set_xlim(-0.15, len(positions) - 0.85)
+    panel.set_ylim(0.0, _MARGIN * max(rmse_ips.max(), published_ips.max(), 1.0))
     panel.set_ylabel("RMSE (impulses/s)")
     note(panel, fit.afferent, (0.0, 0.5), (-42, 0), ha="right", va="center", **style)
 
 
-def _draw_pair(panel: "Axes", fit: Fit) -> None:
-    """Scatter the errors of the two groups between which there is most to choose."""
+def _draw_tradeoff(panel: "Axes", fit: Fit) -> None:
+    """Scatter the errors of the two groups with the strongest trade-off."""
     errors_ips2, names = fit.front.errors_ips2, fit.problem.group_names
     if len(names) < 2:
         panel.set_axis_off()
@@ -134,61 +134,67 @@ def _draw_pair(panel: "Axes", fit: Fit) -> None:
     rmse_ips = np.sqrt(errors_ips2[:, pair])
     colour = class_style(fit.afferent)["color"]
     panel.plot(*rmse_ips.T, **dots(colour, _DOT_PT, alpha=0.55, clip_on=False))
-    chosen = rmse_ips[fit.choice.row]
+    selected_ips = rmse_ips[fit.choice.row]
     ring = {"markerfacecolor": "none", "markeredgewidth": 1.4, "clip_on": False, "zorder": 4}
-    panel.plot(*chosen, **dots(INK, _RING_PT, **ring))
-    ground = {"facecolor": WHITE, "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
-    note(panel, "chosen", tuple(chosen), (7, 7), frame="data", bbox=ground, zorder=5)
-    right_ips, top_ips = _ROOM * np.maximum(rmse_ips.max(axis=0), 1.0)
+    panel.plot(*selected_ips, **dots(INK, _RING_PT, **ring))
+    background = {"facecolor": WHITE, "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
+    note(panel, "chosen", tuple(selected_ips), (7, 7), frame="data", bbox=background, zorder=5)
+    right_ips, top_ips = _MARGIN * np.maximum(rmse_ips.max(axis=0), 1.0)
     panel.set(xlim=(0.0, right_ips), ylim=(0.0, top_ips))
     first, second = (names[column] for column in pair)
     panel.set(xlabel=f"RMSE at {first} (impulses/s)", ylabel=f"RMSE at {second}")
 
 
 def _draw_rates(panels: "list[Axes]", columns: list[str], fit: Fit) -> None:
-    """Draw observed rates, and predicted ones, against amplitude; one scale a row."""
+    """Draw observed and predicted rates against amplitude, on one scale per row."""
     highest_ips = max(1.0, fit.seen[["observed_ips", "predicted_ips"]].to_numpy().max())
-    first = True
+    leftmost = True
     for panel, name in zip(panels, columns, strict=True):
-        mine = fit.seen[fit.seen["group"] == name]
-        if mine.empty:
+        group = fit.seen[fit.seen["group"] == name]
+        if group.empty:
             panel.set_axis_off()
             continue
-        rising, level_um = mine.sort_values("level_um", kind="stable"), mine["level_um"]
-        for predicted, style in (("published_ips", _PUBLISHED), ("predicted_ips", _CHOSEN)):
-            panel.plot(rising["level_um"], rising[predicted], **style)
-        panel.plot(level_um, mine["observed_ips"], **OBSERVED_DOTS)
-        log_axis(panel, level_um.min() / _AMPLITUDE_ROOM, level_um.max() * _AMPLITUDE_ROOM)
-        panel.set_ylim(0.0, _ROOM * highest_ips)
-        panel.tick_params(labelleft=first)
-        panel.set_ylabel("Rate (impulses/s)" if first else "")
-        first = False
+        ordered, level_um = group.sort_values("level_um", kind="stable"), group["level_um"]
+        for predicted, style in (("published_ips", _PUBLISHED), ("predicted_ips", _SELECTED)):
+            panel.plot(ordered["level_um"], ordered[predicted], **style)
+        panel.plot(level_um, group["observed_ips"], **OBSERVED_DOTS)
+        log_axis(panel, level_um.min() / _AMPLITUDE_MARGIN, level_um.max() * _AMPLITUDE_MARGIN)
+        panel.set_ylim(0.0, _MARGIN * highest_ips)
+        panel.tick_params(labelleft=leftmost)
+        panel.set_ylabel("Rate (impulses/s)" if leftmost else "")
+        leftmost = False
 
 
 @in_style
 def study_figure(study: ModelStudy) -> "Figure":
-    """Dots: RMSE on held-out frequencies, a dot a seed; ticks: on those fitted."""
+    """Dots: RMSE on held-out frequencies, one dot per seed; ticks: on fitted frequencies."""
     rows = {name: study.ranked(name) for name in study.unfitted}
     height_in = 1.1 + _STUDY_ROW_IN * max(map(len, rows.values()))
     figure, [panels] = new_figure(height_in, columns=len(rows))
     for panel, (name, cases) in zip(panels, rows.items(), strict=True):
         style = class_style(name)
-        for place, trials in enumerate(cases):
-            held, seen = trials["held_out_rmse_ips"], trials["fitted_rmse_ips"]
-            panel.plot([seen.min(), held.max()], [place] * 2, color=FAINT, linewidth=HAIR_PT)
-            panel.plot(seen, [place] * len(seen), "|", markersize=5, markeredgewidth=1)
-            panel.plot(held, [place] * len(held), **dots(style["color"], 4.5))
+        for position, trials in enumerate(cases):
+            held_out_ips, fitted_ips = trials["held_out_rmse_ips"], trials["fitted_rmse_ips"]
+            panel.plot(
+                [fitted_ips.min(), held_out_ips.max()],
+                [position] * 2,
+                color=FAINT,
+                linewidth=HAIR_PT,
+            )
+            panel.plot(
+                fitted_ips, [position] * len(fitted_ips), "|", markersize=5, markeredgewidth=1
+            )
+            panel.plot(held_out_ips, [position] * len(held_out_ips), **dots(style["color"], 4.5))
         panel.axvline(study.unfitted[name].rmse_ips, linewidth=HAIR_PT, dashes=(4, 3))
         firsts = [trials.iloc[0] for trials in cases]
-        labels = [f"{one['drive']}, {one['cells']}, {one['preindent_um']:g}" for one in firsts]
+        labels = [f"{case['drive']}, {case['cells']}, {case['preindent_um']:g}" for case in firsts]
         panel.set_yticks(range(len(labels)), labels, fontsize=SMALL_TEXT_PT - 1)
         panel.set_ylim(len(labels) - 0.4, -0.6)
         panel.set_xlim(left=0)
         panel.set_title(name, **style)
         panel.set_xlabel("RMSE (impulses/s)", fontsize=TEXT_PT)
     figure.suptitle(
-        "Rows: drive, cells, depth of the probe before time 0 (µm)\n"
-        "dots: frequencies left out of the fit;  ticks: all fitted;  "
-        "dashes: Table 2 as printed",
+        "Rows: drive, cells, pre-indentation (µm)\n"
+        "dots: held-out frequencies;  ticks: fitted frequencies;  dashes: Table 2 as printed",
     )
     return figure

@@ -1,7 +1,7 @@
-"""A finger's mesh: the whole section, and the pad under the probe close up.
+"""A finger's mesh: the whole section, and a close view of the pad under the probe.
 
-The pad is up, as in the deck. Both panels are to scale and carry a bar; the close
-view shows which node stands for which afferent.
+The pad is up, as in the deck. Both panels are to scale and have a scale bar; the close
+view shows the node of each afferent.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ from fembridge.plots.style import (
     in_style,
     new_figure,
     note,
-    spread,
+    spread_heights,
 )
 from fembridge.run_folder import AfferentNode
 from fembridge.typing import FloatArray
@@ -32,44 +32,41 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Fine enough for mesh lines of the paper's preset, also where a format of lines
-# and text holds them as pixels.
+# Resolves the mesh lines of the preset `paper`, also as pixels in PDF and SVG.
 MESH_DPI = 300
 
-# Inches: for both panels side by side, for the legend and the bars below them.
-_ROOM_IN, _BELOW_IN = 5.4, 1.05
+# Inches: width of both panels, height of the legend and the bars below them.
+_PANELS_IN, _LEGEND_IN = 5.4, 1.05
 # Width over height of the close view.
-_CLOSE_ASPECT = 0.76
+_PAD_ASPECT = 0.76
 
-# A line of the mesh is its element's fill, darkened: no transparency, which some
-# formats do not have.
+# Brightness of a mesh line as a share of its element's fill. Some formats lack transparency.
 _LINE_SHARE = 0.72
 _MESH_LINE_PT = 0.2
 _FINE_MESH_LINE_PT = 0.08
 _FINE_ELEMENTS = 6_000
 _BOUNDARY_PT = 0.45
 
-# The close view is at least this wide and deep; the probe's lower
-# end stands in it.
-_CLOSE_WIDTH_MM, _CLOSE_DEPTH_MM = 2.0, 2.3
+# Least width and depth of the close view, which shows the probe's lower end.
+_PAD_WIDTH_MM, _PAD_DEPTH_MM = 2.0, 2.3
 _PROBE_SHOWN_MM = 0.36
-_AROUND_SITE_MM = 0.3
-# The flat of a punch is level within this.
+_SITE_MARGIN_MM = 0.3
+# Nodes on the flat of a punch differ in height by less than this.
 _LEVEL_MM = 1.0e-6
-# Of a probe higher than this, the section shows the lower end.
+# The section shows the lower end of a higher probe.
 _PROBE_IN_SECTION_MM = 1.5
-_AROUND_SECTION_MM = 0.12
+_SECTION_MARGIN_MM = 0.12
 
 _BARS_MM = (10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
 _BAR_SHARE = 0.26
 
-# Inches: a name from the next, a leader beyond the panel.
+# Inches: distance of two names, length of a leader beyond the panel.
 _NAME_STEP_IN, _LEADER_IN = 0.34, 0.09
 _BAR_IN, _LEADER_PT, _HALO_PT, _DOT_PT = 0.022, 0.7, 0.6, 5.0
 
 
 class Window(NamedTuple):
-    """What a panel shows: `x_mm` from left to right, `y_mm` from low to high."""
+    """Part of the section that a panel shows: `x_mm` left and right, `y_mm` low and high."""
 
     x_mm: tuple[float, float]
     y_mm: tuple[float, float]
@@ -82,54 +79,53 @@ class Window(NamedTuple):
 
 @in_style
 def mesh_figure(finger: Finger, mesh: Mesh, probe: Probe) -> "Figure":
-    """The section and the pad close up, with layers, afferents and probe.
+    """Section and close view of the pad, with layers, afferents and probe.
 
-    The materials and afferents are those of `finger`; the probe is on the pad at first touch,
-    nothing pressed. Saved in a format of lines and text (PDF, SVG) the elements are pixels of
-    `MESH_DPI`, all else is lines and text. Raises FingerError: the probe is beside the pad, or an
-    afferent has no node.
+    The materials and afferents are those of `finger`; the probe is on the pad at first touch.
+    In vector formats (PDF, SVG) the elements are pixels of `MESH_DPI`, everything else is lines
+    and text. Raises FingerError: the probe is outside the pad, or an afferent has no node.
     """
     sites = afferent_nodes(finger, mesh)
-    body_mm = probe_outline(probe, mesh)
-    whole = whole_window(mesh.node_mm, body_mm)
+    probe_mm = probe_outline(probe, mesh)
+    section_view = section_window(mesh.node_mm, probe_mm)
     site_mm = np.array([(site.x_mm, site.y_mm) for site in sites])
-    close = close_window(site_mm, body_mm, _CLOSE_ASPECT)
-    height_in = _ROOM_IN / (whole.aspect + _CLOSE_ASPECT)
+    pad_view = pad_window(site_mm, probe_mm, _PAD_ASPECT)
+    height_in = _PANELS_IN / (section_view.aspect + _PAD_ASPECT)
     figure, [[section, pad]] = new_figure(
-        height_in + _BELOW_IN, columns=2, widths=(whole.aspect, _CLOSE_ASPECT)
+        height_in + _LEGEND_IN, columns=2, widths=(section_view.aspect, _PAD_ASPECT)
     )
     fine = len(mesh.quad) > _FINE_ELEMENTS
     for panel, window, line_pt in (
-        (section, whole, _FINE_MESH_LINE_PT if fine else _MESH_LINE_PT),
-        (pad, close, _MESH_LINE_PT),
+        (section, section_view, _FINE_MESH_LINE_PT if fine else _MESH_LINE_PT),
+        (pad, pad_view, _MESH_LINE_PT),
     ):
-        _draw_elements(panel, mesh, body_mm, line_pt)
+        _draw_elements(panel, mesh, probe_mm, line_pt)
         panel.set(xlim=window.x_mm, ylim=window.y_mm, aspect="equal", xticks=[], yticks=[])
         _draw_bar(panel, window, height_in)
     section.set_axis_off()
     pad.spines[:].set_visible(True)
-    frame = (close.x_mm[0], close.y_mm[0], np.ptp(close.x_mm), np.ptp(close.y_mm))
+    frame = (pad_view.x_mm[0], pad_view.y_mm[0], np.ptp(pad_view.x_mm), np.ptp(pad_view.y_mm))
     section.indicate_inset(frame, pad, edgecolor=INK, alpha=1.0, linewidth=HAIR_PT)
-    _name_afferents(pad, sites, close, height_in)
+    _name_afferents(pad, sites, pad_view, height_in)
     _draw_legend(figure, finger.materials, probe)
     return figure
 
 
 def afferent_nodes(finger: Finger, mesh: Mesh) -> list[AfferentNode]:
-    """Where the afferents of `finger` sit in `mesh`; nodes count from 1."""
-    found = []
+    """Node of each afferent of `finger` in `mesh`, counted from 1."""
+    nodes = []
     for name, site in finger.afferents.items():
         row = mesh.node_at(site)
         x_mm, y_mm = mesh.node_mm[row].tolist()
-        found.append(AfferentNode(name, row + 1, site.layer, x_mm, y_mm, -y_mm))
-    return found
+        nodes.append(AfferentNode(name, row + 1, site.layer, x_mm, y_mm, -y_mm))
+    return nodes
 
 
 def probe_outline(probe: Probe, mesh: Mesh) -> FloatArray:
-    """Outline of the whole probe ``(P, 2)`` in mm, standing on `mesh`.
+    """Outline of the whole probe ``(P, 2)`` in mm, in first touch with `mesh`.
 
-    The solver's probe is its lower side alone. A cylinder is drawn round, a flat
-    punch as high as half its width.
+    The solver's probe is only the lower side. A cylinder is drawn as a circle, a flat punch
+    with a height of half its width.
     """
     placed, _ = mesh_probe(probe, mesh)
     lower_mm = placed.node_mm[placed.lower_node]
@@ -144,21 +140,21 @@ def probe_outline(probe: Probe, mesh: Mesh) -> FloatArray:
     return outline
 
 
-def boundaries(mesh: Mesh) -> FloatArray:
-    """Find where a layer or the section ends: edges ``(B, 2, 2)`` in mm."""
+def boundary_edges(mesh: Mesh) -> FloatArray:
+    """Edges ``(B, 2, 2)`` in mm on the boundary of a layer or of the section."""
     nodes, element, _ = mesh.edges()
-    edge, which = np.unique(np.sort(nodes, axis=1), axis=0, return_inverse=True)
+    edge, row = np.unique(np.sort(nodes, axis=1), axis=0, return_inverse=True)
     layer = mesh.layer[element]
-    least, most = np.full(len(edge), len(LAYERS)), np.full(len(edge), -1)
-    np.minimum.at(least, which.ravel(), layer)
-    np.maximum.at(most, which.ravel(), layer)
-    alone = np.bincount(which.ravel()) == 1
-    ends: FloatArray = mesh.node_mm[edge[alone | (least != most)]]
+    lowest, highest = np.full(len(edge), len(LAYERS)), np.full(len(edge), -1)
+    np.minimum.at(lowest, row.ravel(), layer)
+    np.maximum.at(highest, row.ravel(), layer)
+    on_border = np.bincount(row.ravel()) == 1
+    ends: FloatArray = mesh.node_mm[edge[on_border | (lowest != highest)]]
     return ends
 
 
-def _draw_elements(panel: "Axes", mesh: Mesh, body_mm: FloatArray, line_pt: float) -> None:
-    """Fill the elements, draw the layers' ends, and the probe."""
+def _draw_elements(panel: "Axes", mesh: Mesh, probe_mm: FloatArray, line_pt: float) -> None:
+    """Fill the elements, draw the layers' boundaries and the probe."""
     from matplotlib.collections import LineCollection, PolyCollection
     from matplotlib.colors import to_rgba_array
     from matplotlib.patches import Polygon
@@ -171,37 +167,38 @@ def _draw_elements(panel: "Axes", mesh: Mesh, body_mm: FloatArray, line_pt: floa
         linewidths=line_pt,
         rasterized=True,
     )
-    ends_mm = boundaries(mesh).tolist()
+    ends_mm = boundary_edges(mesh).tolist()
     ends = LineCollection(ends_mm, colors=INK, linewidths=_BOUNDARY_PT, capstyle="round")
     panel.add_collection(elements, autolim=False)
     panel.add_collection(ends, autolim=False)
-    panel.add_patch(Polygon(body_mm, facecolor=PROBE_COLOUR, edgecolor=INK, linewidth=_BOUNDARY_PT))
+    panel.add_patch(
+        Polygon(probe_mm, facecolor=PROBE_COLOUR, edgecolor=INK, linewidth=_BOUNDARY_PT)
+    )
 
 
-def whole_window(node_mm: FloatArray, body_mm: FloatArray) -> Window:
-    """Window on the whole section ``(N, 2)`` with the probe ``(P, 2)`` on it."""
-    low, high = node_mm.min(axis=0) - _AROUND_SECTION_MM, node_mm.max(axis=0)
-    top_mm = min(body_mm[:, 1].max(), high[1] + _PROBE_IN_SECTION_MM)
+def section_window(node_mm: FloatArray, probe_mm: FloatArray) -> Window:
+    """Window on the whole section, nodes ``(N, 2)``, with the probe ``(P, 2)`` on it."""
+    low, high = node_mm.min(axis=0) - _SECTION_MARGIN_MM, node_mm.max(axis=0)
+    top_mm = min(probe_mm[:, 1].max(), high[1] + _PROBE_IN_SECTION_MM)
     high[1] = max(top_mm, high[1] + _PROBE_SHOWN_MM)  # the close view lies inside
-    (left, bottom), (right, top) = low.tolist(), (high + _AROUND_SECTION_MM).tolist()
+    (left, bottom), (right, top) = low.tolist(), (high + _SECTION_MARGIN_MM).tolist()
     return Window((left, right), (bottom, top))
 
 
-def close_window(site_mm: FloatArray, body_mm: FloatArray, aspect: float) -> Window:
+def pad_window(site_mm: FloatArray, probe_mm: FloatArray, aspect: float) -> Window:
     """Window on the pad with all afferents ``(A, 2)`` and the probe's lowest point.
 
-    `aspect` is the panel's width over its height. Two millimetres wide and 2.3 mm
-    deep, or as much more as the afferents need; the probe is in the middle where
-    that leaves them in sight.
+    `aspect` is the panel's width over its height. The window is 2 mm wide and 2.3 mm deep, or
+    larger if the afferents need it; the probe is in the middle if all afferents stay visible.
     """
-    lowest = body_mm[:, 1] <= body_mm[:, 1].min() + _LEVEL_MM
-    touch_mm = body_mm[lowest].mean(axis=0)
+    lowest = probe_mm[:, 1] <= probe_mm[:, 1].min() + _LEVEL_MM
+    touch_mm = probe_mm[lowest].mean(axis=0)
     points = np.concatenate([site_mm, touch_mm[None]])
-    left, low = (points.min(axis=0) - _AROUND_SITE_MM).tolist()
-    right, _ = (points.max(axis=0) + _AROUND_SITE_MM).tolist()
+    left, low = (points.min(axis=0) - _SITE_MARGIN_MM).tolist()
+    right, _ = (points.max(axis=0) + _SITE_MARGIN_MM).tolist()
     middle, touch = touch_mm.tolist()
     top = max(touch, 0.0) + _PROBE_SHOWN_MM
-    height = max(top - min(low, -_CLOSE_DEPTH_MM), _CLOSE_WIDTH_MM / aspect)
+    height = max(top - min(low, -_PAD_DEPTH_MM), _PAD_WIDTH_MM / aspect)
     width = max(aspect * height, right - left)
     if max(middle - left, right - middle) > 0.5 * width:
         middle = 0.5 * (left + right)
@@ -209,17 +206,17 @@ def close_window(site_mm: FloatArray, body_mm: FloatArray, aspect: float) -> Win
 
 
 def _draw_bar(panel: "Axes", window: Window, height_in: float) -> None:
-    """Draw a bar of a round length, a quarter or so of the width, under the left corner."""
+    """Draw a scale bar below the left corner, at most about a quarter of the width."""
     from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
-    width_mm, tall_mm = np.ptp(window.x_mm), np.ptp(window.y_mm)
+    width_mm, height_mm = np.ptp(window.x_mm), np.ptp(window.y_mm)
     length_mm = next((bar for bar in _BARS_MM if bar <= _BAR_SHARE * width_mm), _BARS_MM[-1])
     bar = AnchoredSizeBar(
         panel.transData,
         length_mm,
         f"{length_mm:g} mm",
         "upper left",
-        size_vertical=_BAR_IN * tall_mm / height_in,
+        size_vertical=_BAR_IN * height_mm / height_in,
         frameon=False,
         borderpad=0.4,
         pad=0.0,
@@ -234,7 +231,7 @@ def _draw_bar(panel: "Axes", window: Window, height_in: float) -> None:
 def _name_afferents(
     panel: "Axes", sites: Sequence[AfferentNode], window: Window, height_in: float
 ) -> None:
-    """Mark the nodes; write names at the right, from top to bottom as they lie."""
+    """Mark the nodes; write the names on the right, sorted by height."""
     from matplotlib.patheffects import withStroke
 
     halo = withStroke(linewidth=_LEADER_PT + 2 * _HALO_PT, foreground=WHITE)
@@ -242,36 +239,46 @@ def _name_afferents(
     mm_per_in = (top - bottom) / height_in
     end = right + _LEADER_IN * mm_per_in
     ordered = sorted(sites, key=lambda site: (-site.y_mm, -site.x_mm))
-    heights = spread([site.y_mm for site in ordered], _NAME_STEP_IN * mm_per_in, bottom, top)
+    heights = spread_heights(
+        [site.y_mm for site in ordered], _NAME_STEP_IN * mm_per_in, bottom, top
+    )
     for site, height in zip(ordered, heights, strict=True):
         style = class_style(site.afferent)
-        leader: dict[str, Any] = {"linewidth": _LEADER_PT, "path_effects": [halo], "zorder": 4}
-        way_mm = ([site.x_mm, right, end], [site.y_mm, height, height])
-        panel.plot(*way_mm, color=style["color"], clip_on=False, **leader)
-        edge: dict[str, Any] = {"markeredgecolor": WHITE, "markeredgewidth": _HALO_PT, "zorder": 5}
-        panel.plot(site.x_mm, site.y_mm, **dots(style["color"], _DOT_PT, **edge))
-        at = (end, height)
-        name = note(panel, site.afferent, at, (2.5, 0.5), frame="data", va="bottom", **style)
+        leader_style: dict[str, Any] = {
+            "linewidth": _LEADER_PT,
+            "path_effects": [halo],
+            "zorder": 4,
+        }
+        leader_mm = ([site.x_mm, right, end], [site.y_mm, height, height])
+        panel.plot(*leader_mm, color=style["color"], clip_on=False, **leader_style)
+        marker_style: dict[str, Any] = {
+            "markeredgecolor": WHITE,
+            "markeredgewidth": _HALO_PT,
+            "zorder": 5,
+        }
+        panel.plot(site.x_mm, site.y_mm, **dots(style["color"], _DOT_PT, **marker_style))
+        corner = (end, height)
+        name = note(panel, site.afferent, corner, (2.5, 0.5), frame="data", va="bottom", **style)
         note(panel, f"{-site.y_mm:.2f} mm deep", (1, 0), (4, 0), frame=name, va="bottom")
-        note(panel, _words(site.layer), at, (2.5, -0.5), frame="data", va="top")
+        note(panel, _layer_label(site.layer), corner, (2.5, -0.5), frame="data", va="top")
 
 
 def _draw_legend(figure: "Figure", materials: Mapping[str, Material], probe: Probe) -> None:
-    """Name the fills, with what is elastic about them."""
+    """Add a legend of the layers with their elastic constants."""
     from matplotlib.patches import Patch
     from matplotlib.ticker import EngFormatter
 
-    def patch(fill: str, words: str) -> Patch:
-        return Patch(facecolor=fill, edgecolor=INK, linewidth=HAIR_PT, label=words)
+    def patch(fill: str, text: str) -> Patch:
+        return Patch(facecolor=fill, edgecolor=INK, linewidth=HAIR_PT, label=text)
 
     entries = []
     for layer in LAYERS:
         young_pa, poisson = 1e6 * materials[layer].young_mpa, materials[layer].poisson
         ratio = f"{poisson:.2f}" if round(poisson, 2) == poisson else f"{poisson:g}"
-        words = rf"$E$ = {EngFormatter('Pa')(young_pa)}, $\nu$ = {ratio}"
-        entries.append(patch(LAYER_COLOURS[layer], f"{_words(layer).capitalize()}\n{words}"))
-    words = f"Probe\nrigid, {probe.shape}, {probe.diameter_mm:g} mm"
-    entries.append(patch(PROBE_COLOUR, words))
+        text = rf"$E$ = {EngFormatter('Pa')(young_pa)}, $\nu$ = {ratio}"
+        entries.append(patch(LAYER_COLOURS[layer], f"{_layer_label(layer).capitalize()}\n{text}"))
+    text = f"Probe\nrigid, {probe.shape}, {probe.diameter_mm:g} mm"
+    entries.append(patch(PROBE_COLOUR, text))
     columns = -(-len(entries) // 2)  # a legend fills columns; people read rows
     figure.legend(
         handles=[entry for column in range(columns) for entry in entries[column::columns]],
@@ -285,5 +292,5 @@ def _draw_legend(figure: "Figure", materials: Mapping[str, Material], probe: Pro
     )
 
 
-def _words(layer: str) -> str:
+def _layer_label(layer: str) -> str:
     return layer.replace("_", " ")

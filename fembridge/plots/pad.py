@@ -336,7 +336,11 @@ def _scene(
     pressure = _draw_pressure(panels[0], touch, _hardest(touch))
     most_kpa = pressure.get_clim()[1] if pressure else 0.0
     panels[0].set_title(f"Pressure, up to {most_kpa:.0f} kPa", fontsize=TEXT_PT)
-    field, extent = _stress_field(touch)
+    knots, at = touch.solved.knots, touch.solved.at
+    # The states on both sides of each frame.
+    after = np.clip(np.searchsorted(knots, at[samples]), 1, knots.size - 1)
+    states = np.unique(np.concatenate([after - 1, after]))
+    field, extent = _stress_field(touch, states)
     top_kpa = max(float(np.percentile(field, 99.9)) * _KPA, 1e-3)
     stress = panels[1].imshow(
         field[0], extent=extent, origin="lower", cmap="magma", vmin=0, vmax=top_kpa,
@@ -349,14 +353,14 @@ def _scene(
     lights = panels[2].scatter(units.x_mm, units.z_mm, s=0.0, c=colours, linewidths=0)
     panels[2].set_title(f"Spikes of the last {_LIT_MS:g} ms", fontsize=TEXT_PT)
     clock = figure.suptitle("")
-    at, times_ms, fired = touch.solved.at, touch.way.times_ms, touch.fired
+    times_ms, fired = touch.way.times_ms, touch.fired
     frame_of = {int(sample): frame for frame, sample in enumerate(samples)}
     # Linear between states: enough for the eye.
-    shown = make_interp_spline(touch.solved.knots, field, k=1)(at[samples]) * _KPA
+    shown = make_interp_spline(knots[states], field, k=1)(at[samples]) * _KPA
 
     def show(sample: int) -> None:
         if pressure:
-            row = int(np.abs(touch.solved.knots - at[sample]).argmin())
+            row = int(np.abs(knots - at[sample]).argmin())
             pressure.set_array(_pressure_kpa(touch, row))
         stress.set_data(shown[frame_of[sample]])
         since_ms = times_ms[sample] - fired.time_ms
@@ -370,8 +374,10 @@ def _scene(
     return figure, moving, show
 
 
-def _stress_field(touch: Touch) -> tuple[FloatArray, tuple[float, float, float, float]]:
-    """Stress ``(state, z, x)`` at SA's depth on a grid, and the edges of that."""
+def _stress_field(
+    touch: Touch, states: IntArray
+) -> tuple[FloatArray, tuple[float, float, float, float]]:
+    """Stress ``(state, z, x)`` at SA's depth on a grid in some states, and the edges of that."""
     half_width, half_length = _view_mm(touch)
     x_mm, z_mm = (np.arange(-half, half + _GRID_MM, _GRID_MM) for half in (half_width, half_length))
     pad = touch.solved.nodes.pad
@@ -380,7 +386,7 @@ def _stress_field(touch: Touch) -> tuple[FloatArray, tuple[float, float, float, 
     inside = np.clip(x, -pad.widest_mm, pad.widest_mm)
     depth = np.full(x.size, site.depth_mm)
     influence = influence_pa(pad, touch.solved.nodes, np.full(x.size, site.layer), inside, z, depth)
-    field = von_mises_pa(influence, touch.solved.forces_n).reshape(-1, z_mm.size, x_mm.size)
+    field = von_mises_pa(influence, touch.solved.forces_n[states]).reshape(-1, z_mm.size, x_mm.size)
     margin = 0.5 * _GRID_MM
     edges = (x_mm[0] - margin, x_mm[-1] + margin, z_mm[0] - margin, z_mm[-1] + margin)
     return field, (float(edges[0]), float(edges[1]), float(edges[2]), float(edges[3]))

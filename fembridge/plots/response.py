@@ -1,4 +1,4 @@
-"""What the pressed skin does: stress and force against depth, its profile under a thin probe."""
+"""The pressed skin: stress and force against depth, and its profile around a thin probe."""
 
 import math
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from fembridge.plots.style import (
     in_style,
     new_figure,
     note,
-    spread,
+    spread_heights,
 )
 from fembridge.response.deflection import PAPER_STEP_MM, Deflection
 from fembridge.response.response_map import ResponseMap
@@ -29,17 +29,17 @@ _HEIGHT_IN = 2.15
 _POINTS = 301
 _PA_PER_KPA, _MN_PER_N, _UM_PER_MM = 1000.0, 1000.0, 1000.0
 _DOT_PT = 2.6
-# A closure below this is shown as this: rounding is no property of a contact.
-_LEAST_PERCENT = 0.01
-# A name takes this share of its panel's height.
+# Smaller closures are shown as this value: they are rounding.
+_MIN_PERCENT = 0.01
+# Height of a name as a share of its panel's height.
 _NAME_SHARE = 0.09
 
-# Their stress is tens of times smaller than the others': a scale of its own.
-_DEEP = ("PC",)
+# Classes with a stress tens of times smaller than the others': shown on another scale.
+_DEEP_CLASSES = ("PC",)
 
-# Of the profile.
+# Height of the figure of the profile.
 _PROFILE_IN = 2.5
-# From the coarsest mesh to the finest, which is black and whole.
+# Styles of the coarser meshes; the finest is a solid black line.
 _STYLES: tuple[dict[str, Any], ...] = tuple(
     {"color": colour, "dashes": dashes, "linewidth": 1.4 * LINE_PT, "zorder": 3}
     for colour, dashes in (
@@ -50,37 +50,39 @@ _STYLES: tuple[dict[str, Any], ...] = tuple(
     )
 )
 _PROFILE_DOT_PT = 3.2
-_ROOM_SHARE = 1.08
+_MARGIN_SHARE = 1.08
 
 
 @in_style
 def response_figure(response: ResponseMap) -> "Figure":
-    """Stress at each afferent and the probe's force against depth.
+    """Stress at each afferent and force on the probe against its depth.
 
-    Dots are the solved depths, lines what is interpolated between them. What the
-    load–unload run showed is written below.
+    Dots are solved depths, lines are interpolated. The result of the load–unload check is
+    written below.
     """
-    places = {place.afferent: column for column, place in enumerate(response.places)}
-    groups = [[name for name in places if (name in _DEEP) == deep] for deep in (False, True)]
+    columns = {site.afferent: column for column, site in enumerate(response.places)}
+    groups = [
+        [name for name in columns if (name in _DEEP_CLASSES) == deep] for deep in (False, True)
+    ]
     groups = list(filter(None, groups))
     figure, [panels] = new_figure(_HEIGHT_IN, columns=len(groups) + 1)
     depth_um = np.linspace(0.0, response.deepest_um, _POINTS)
     solved_kpa = von_mises_pa(response.tensor_pa) / _PA_PER_KPA
     curve_kpa = von_mises_pa(response.tensors(depth_um)) / _PA_PER_KPA
     for panel, group in zip(panels, groups, strict=False):
-        ends = sorted(group, key=lambda name: -solved_kpa[-1, places[name]])
+        by_stress = sorted(group, key=lambda name: -solved_kpa[-1, columns[name]])
         for name in group:
-            colour, column = class_style(name)["color"], places[name]
+            colour, column = class_style(name)["color"], columns[name]
             panel.plot(depth_um, curve_kpa[:, column], color=colour)
             style = dots(colour, _DOT_PT, clip_on=False)
             panel.plot(response.depth_um, solved_kpa[:, column], **style)
         panel.set_ylabel("Von Mises stress (kPa)")
         panel.set_ylim(bottom=0.0)
         bottom, top = panel.get_ylim()
-        end_kpa = [solved_kpa[-1, places[name]] for name in ends]
-        heights = spread(end_kpa, _NAME_SHARE * (top - bottom), bottom, top)
+        end_kpa = [solved_kpa[-1, columns[name]] for name in by_stress]
+        heights = spread_heights(end_kpa, _NAME_SHARE * (top - bottom), bottom, top)
         frame = ("axes fraction", "data")
-        for name, height in zip(ends, heights, strict=True):
+        for name, height in zip(by_stress, heights, strict=True):
             note(panel, name, (1.0, height), (5, 0), frame=frame, va="center", **class_style(name))
     style = {"marker": "o", "markersize": _DOT_PT, "clip_on": False}
     panels[-1].plot(response.depth_um, response.force_n_per_mm * _MN_PER_N, **style)
@@ -93,20 +95,20 @@ def response_figure(response: ResponseMap) -> "Figure":
 
 
 def closure_text(response: ResponseMap) -> str:
-    """What the load–unload run showed, in words."""
+    """Result of the load–unload check as a sentence."""
     if not math.isfinite(response.closure_percent):
         return "Unloading was not compared with loading."
-    percent = max(response.closure_percent, _LEAST_PERCENT)
-    words = "Unloading came back to the stress of loading within"
-    return f"{words} {percent:.2g} % at every depth compared."
+    percent = max(response.closure_percent, _MIN_PERCENT)
+    text = "The stress in unloading agreed with that in loading within"
+    return f"{text} {percent:.2g} % at every compared depth."
 
 
 @in_style
 def deflection_figure(deflections: Sequence[Deflection]) -> "Figure":
-    """The skin's profile on every mesh, with dots every 0.5 mm as in the paper.
+    """Profile of the skin on each mesh, with dots every 0.5 mm as in the paper.
 
-    In the middle how each mesh differs from the finest, where there are two or more; right the
-    force on the probe on its way down.
+    In the middle the difference of each mesh from the finest, if there are two or more; on the
+    right the force on the probe during loading.
     """
     meshes = sorted(deflections, key=lambda deflection: deflection.elements)
     finest = meshes[-1]
@@ -128,15 +130,17 @@ def deflection_figure(deflections: Sequence[Deflection]) -> "Figure":
     style = dots(INK, _PROFILE_DOT_PT, clip_on=False, label=f"every {PAPER_STEP_MM:g} mm")
     profile.plot(paper_mm, finest.at(paper_mm), **style)
     deepest_mm = max(float(mesh.deflection_mm.max()) for mesh in meshes)
-    profile.set_ylim(_ROOM_SHARE * deepest_mm, -0.02 * deepest_mm)
+    profile.set_ylim(_MARGIN_SHARE * deepest_mm, -0.02 * deepest_mm)
     profile.set_ylabel("Deflection (mm)")
     profile.legend(loc="lower right", handlelength=2.6)
 
     for panel in differences:
         panel.axhline(0.0)
         for mesh, style in zip(meshes[:-1], styles, strict=False):
-            here_mm = mesh.distance_mm[mesh.distance_mm <= last_mm]
-            panel.plot(here_mm, _UM_PER_MM * (mesh.at(here_mm) - finest.at(here_mm)), **style)
+            distance_mm = mesh.distance_mm[mesh.distance_mm <= last_mm]
+            panel.plot(
+                distance_mm, _UM_PER_MM * (mesh.at(distance_mm) - finest.at(distance_mm)), **style
+            )
         panel.set_ylabel(f"Difference from {finest.name} (µm)")
     for panel in (profile, *differences):
         panel.set(xlim=(0.0, paper_mm[-1]), xlabel="Distance from the probe (mm)")

@@ -1,10 +1,10 @@
-"""The one style of every picture: colours, sizes, plain axes, and how a file is saved.
+"""Style of all pictures: colours, sizes, axes; and saving a figure to a file.
 
-The class colours are those of Okabe and Ito (2008), which people with any common
-colour blindness distinguish; green, blue and orange for SA, RA and PC is the custom
-of the field. The fills of a finger's layers are muted, so that afferents stand out on
-all of them. Layers that touch differ in lightness, not in hue alone: they stay apart in
-print without colour. Their hues are those of histology where they can be.
+The class colours are from Okabe and Ito (2008), which people with any common colour
+blindness distinguish; green, blue and orange for SA, RA and PC are customary in the field.
+The fills of a finger's layers are muted, so that afferents are visible on all of them.
+Adjacent layers differ in lightness too, so that they remain distinct in print without
+colour. Their hues follow histology where possible.
 """
 
 import math
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from matplotlib.text import Annotation
 
 Share = bool | Literal["row", "col"]
-_Given = ParamSpec("_Given")
-_Drawn = TypeVar("_Drawn")
+_Params = ParamSpec("_Params")
+_Result = TypeVar("_Result")
 
 AFFERENT_COLOURS = {"SA": "#009E73", "RA": "#0072B2", "PC": "#D55E00"}
 INK, GREY, FAINT, SHADE, WHITE = "#1A1A1A", "#808080", "#B8B8B8", "#E6E6E6", "#FFFFFF"
@@ -41,11 +41,11 @@ LAYER_COLOURS: Mapping[str, str] = {
     "nail": "#73849C",
 }
 PROBE_COLOUR = "#4D4D4D"
-# Of Okabe and Ito, those that no class of afferents has.
+# Colours of Okabe and Ito that no afferent class uses.
 SERIES_COLOURS = ("#56B4E9", "#E69F00", "#CC79A7", INK, "#7A7A7A", "#F0E442")
 MARKERS = ("o", "s", "^", "D", "v", "P")
 
-# In points, for a figure that is printed at its own size.
+# In points, for a figure printed at its own size.
 TEXT_PT = 8.0
 SMALL_TEXT_PT = 7.0
 TINY_TEXT_PT = 5.5
@@ -53,7 +53,7 @@ HAIR_PT = 0.5
 PT_PER_IN = 72.0
 LINE_PT = 0.9
 
-# Two columns of a journal, in inches.
+# Width of a journal's two columns, in inches.
 PAGE_WIDTH_IN = 7.2
 DPI = 200
 
@@ -67,7 +67,7 @@ _STYLE: dict[Any, Any] = {
     "axes.spines.right": False,
     "axes.labelcolor": INK,
     "axes.labelsize": SMALL_TEXT_PT,
-    # Given, no place is looked for that is clear of ticks above the panel: we have none.
+    # A fixed value skips the search for a position above the ticks: none are on top.
     "axes.titley": 1.0,
     "axes.titlesize": SMALL_TEXT_PT,
     "figure.labelsize": SMALL_TEXT_PT,
@@ -77,70 +77,70 @@ _STYLE: dict[Any, Any] = {
     "lines.color": INK,
     "lines.linewidth": LINE_PT,
     "lines.markeredgewidth": 0.0,
-    # Text stays text where a format allows it, and nothing in a file is random.
+    # Text stays text where a format allows it, and files are reproducible.
     "svg.hashsalt": "fembridge",
     "pdf.fonttype": 42,
     "ps.fonttype": 42,
 }
-# The entries of a file's metadata that would hold the time of writing.
-_DATED = {"svg": "Date", "svgz": "Date", "pdf": "CreationDate"}
-# Matplotlib writes it through LaTeX, which may not be there and can stop midway.
-_NEEDS_LATEX = "pgf"
+# Metadata entries with the time of writing, which is left out.
+_DATE_KEYS = {"svg": "Date", "svgz": "Date", "pdf": "CreationDate"}
+# Matplotlib writes this format through LaTeX, which may be missing or stop midway.
+_LATEX_FORMAT = "pgf"
 
-# The mark of a grey ground of `shade_outside`; legends leave out what begins so.
-_SHADED = "_not counted"
+# Label of the patches of `shade_outside`; Matplotlib's legends skip labels with "_".
+_SHADE_LABEL = "_not counted"
 
-# Of a name that is too long for its place: no font shows more in a figure's width.
-_MOST_LETTERS = 400
+# No font fits more letters into a figure's width.
+_MAX_LETTERS = 400
 
 
 def import_matplotlib() -> None:
-    """Import Matplotlib whatever ``MPLBACKEND`` says: Jupyter's is often not installed here.
+    """Import Matplotlib even if the backend in ``MPLBACKEND`` (as Jupyter's) is not installed.
 
-    We draw without that backend; who shows figures in this process gets it if it exists.
+    Our figures need no backend. If it is installed, later figures of this process use it.
     """
     if "matplotlib" in sys.modules:
         return
-    asked = os.environ.pop("MPLBACKEND", None)
+    backend = os.environ.pop("MPLBACKEND", None)
     import matplotlib as mpl
 
-    if asked is not None:
-        os.environ["MPLBACKEND"] = asked
+    if backend is not None:
+        os.environ["MPLBACKEND"] = backend
         with suppress(ValueError):
-            mpl.rcParams["backend"] = asked
+            mpl.rcParams["backend"] = backend
 
 
-def in_style(draw: Callable[_Given, _Drawn]) -> Callable[_Given, _Drawn]:
-    """`draw` in the style: it says of its lines and words only where they differ."""
+def in_style(draw: Callable[_Params, _Result]) -> Callable[_Params, _Result]:
+    """`draw` with the common style as Matplotlib's defaults."""
 
     @wraps(draw)
-    def drawn(*args: _Given.args, **options: _Given.kwargs) -> _Drawn:
+    def styled(*args: _Params.args, **options: _Params.kwargs) -> _Result:
         import_matplotlib()
         from matplotlib import rc_context
 
         with rc_context(_STYLE):
             return draw(*args, **options)
 
-    return drawn
+    return styled
 
 
 def check_suffix(path: Path) -> str:
-    """Format that the suffix of `path` stands for; a UsageError where Matplotlib has none."""
+    """Format of the suffix of `path`; a UsageError if Matplotlib cannot write it."""
     import_matplotlib()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    known = set(FigureCanvasAgg.get_supported_filetypes()) - {_NEEDS_LATEX}
+    formats = set(FigureCanvasAgg.get_supported_filetypes()) - {_LATEX_FORMAT}
     suffix = path.suffix.removeprefix(".").lower()
-    if suffix not in known:
+    if suffix not in formats:
         raise UsageError(
             f"{path}: cannot draw {path.suffix or 'a file without suffix'}, "
-            f"expected one of {', '.join(sorted(known))}"
+            f"expected one of {', '.join(sorted(formats))}"
         )
     return suffix
 
 
 def save_figure(figure: "Figure", path: Path, dpi: float = DPI) -> None:
-    """Write `figure`; its suffix chooses the format, the same figure the same bytes."""
+    """Write `figure` in the format of the suffix; the same figure gives the same bytes."""
     from matplotlib import rc_context
     from matplotlib.backend_bases import get_registered_canvas_class
 
@@ -148,9 +148,9 @@ def save_figure(figure: "Figure", path: Path, dpi: float = DPI) -> None:
     canvas = get_registered_canvas_class(suffix)(figure)
     figure.dpi = canvas.fixed_dpi or dpi
     if (layout := figure.get_layout_engine()) is not None:
-        layout.execute(figure)  # else Matplotlib draws twice: to find the margins, and to save
+        layout.execute(figure)  # otherwise Matplotlib draws twice: for the margins, and to save
         figure.set_layout_engine("none")
-    metadata = {_DATED[suffix]: None} if suffix in _DATED else None
+    metadata = {_DATE_KEYS[suffix]: None} if suffix in _DATE_KEYS else None
     with rc_context(_STYLE), replacing(path) as draft:
         figure.savefig(draft, format=suffix, dpi=dpi, metadata=metadata)
 
@@ -166,10 +166,10 @@ def new_figure(
     sharex: Share = False,
     sharey: Share = False,
 ) -> tuple["Figure", Any]:
-    """Figure and its panels ``(rows, columns)``, their axes plain.
+    """Figure and its panels ``(rows, columns)``.
 
-    Margins are found, which takes seconds where panels are many: see `grid_figure`. `heights`
-    and `widths` are the shares of rows and columns.
+    Matplotlib computes the margins, which takes seconds for many panels: see `grid_figure`.
+    `heights` and `widths` are the shares of rows and columns, by default equal.
     """
     from matplotlib.figure import Figure
 
@@ -191,36 +191,36 @@ def new_figure(
 def grid_figure(
     widths_in: Sequence[float], heights_in: Sequence[float]
 ) -> tuple["Figure", Callable[[int, int], "Axes"]]:
-    """Figure, and what makes its panel of a row and column, for hundreds of panels.
+    """Figure, and a function that adds its panel of a row and column; for hundreds of panels.
 
-    Widths and heights are those of margin, panel, gap, panel, ... margin.
+    Widths and heights are in the order margin, panel, gap, panel, ... margin.
     """
     from matplotlib.figure import Figure
 
     x_in, y_in = np.cumsum(widths_in), np.cumsum(heights_in)
-    wide_in, tall_in = x_in[-1], y_in[-1]
-    figure = Figure(figsize=(wide_in, tall_in))
+    width_in, height_in = x_in[-1], y_in[-1]
+    figure = Figure(figsize=(width_in, height_in))
 
     def panel(row: int, column: int) -> "Axes":
-        wide, tall = widths_in[2 * column + 1] / wide_in, heights_in[2 * row + 1] / tall_in
-        corner = x_in[2 * column] / wide_in, 1 - y_in[2 * row + 1] / tall_in
-        made: Axes = figure.add_axes((*corner, wide, tall))
-        make_plain(made)
-        return made
+        width, height = widths_in[2 * column + 1] / width_in, heights_in[2 * row + 1] / height_in
+        corner = x_in[2 * column] / width_in, 1 - y_in[2 * row + 1] / height_in
+        axes: Axes = figure.add_axes((*corner, width, height))
+        make_plain(axes)
+        return axes
 
     return figure, panel
 
 
 def make_plain(panel: "Axes") -> None:
-    """Small numbers and marks on both axes; Matplotlib would make them when it saves."""
+    """Set small tick labels and ticks on both axes."""
     panel.tick_params(labelsize=SMALL_TEXT_PT, length=2.0, width=HAIR_PT, pad=2, colors=INK)
 
 
 def log_axis(panel: "Axes", low: float, high: float, *, vertical: bool = False) -> None:
-    """Scale x, or y, logarithmically from `low` to `high`, plain numbers at the decades.
+    """Scale x (y if `vertical`) logarithmically from `low` to `high`, plain numbers at decades.
 
-    The marks between them are one line of markers: as ticks they were half of what a
-    picture of many panels took.
+    The minor ticks are one line of markers: as ticks they took half of the drawing time of a
+    picture with many panels.
     """
     from matplotlib.lines import Line2D
     from matplotlib.markers import TICKDOWN, TICKLEFT, MarkerStyle
@@ -233,11 +233,11 @@ def log_axis(panel: "Axes", low: float, high: float, *, vertical: bool = False) 
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_locator(NullLocator())
     decades = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)))
-    between = np.outer(decades, np.arange(2, 10)).ravel()
-    between = between[(low <= between) & (between <= high)]
-    at = (0.0 * between, between) if vertical else (between, 0.0 * between)
-    marks = Line2D(
-        *at,
+    minor = np.outer(decades, np.arange(2, 10)).ravel()
+    minor = minor[(low <= minor) & (minor <= high)]
+    positions = (0.0 * minor, minor) if vertical else (minor, 0.0 * minor)
+    ticks = Line2D(
+        *positions,
         transform=panel.get_yaxis_transform() if vertical else panel.get_xaxis_transform(),
         marker=MarkerStyle(TICKLEFT if vertical else TICKDOWN),
         markersize=1.2,
@@ -245,36 +245,38 @@ def log_axis(panel: "Axes", low: float, high: float, *, vertical: bool = False) 
         linestyle="none",
         color=INK,
     )
-    panel.figure.add_artist(marks)
+    panel.figure.add_artist(ticks)
 
 
-def dots(colour: str, size_pt: float, **changed: Any) -> dict[str, Any]:  # noqa: ANN401 - style
-    """Filled marks without a line between them."""
-    return {"color": colour, "linestyle": "none", "marker": "o", "markersize": size_pt, **changed}
+def dots(colour: str, size_pt: float, **overrides: Any) -> dict[str, Any]:  # noqa: ANN401 - style
+    """Line style of filled markers without a line; `overrides` are further properties."""
+    return {"color": colour, "linestyle": "none", "marker": "o", "markersize": size_pt, **overrides}
 
 
 def marks(marker: str, colour: str, size_pt: float, *, filled: bool = False) -> dict[str, Any]:
-    """Outlined marks without a line between them, white inside unless `filled`."""
+    """Line style of outlined markers without a line, white inside unless `filled`."""
     face = {"markerfacecolor": colour if filled else WHITE, "markeredgewidth": 0.9}
     return dots(colour, size_pt, marker=marker, clip_on=False, zorder=3, **face)
 
 
 def note(
     panel: "Axes",
-    words: str,
-    at: tuple[float, float],
-    by_pt: tuple[float, float],
+    text: str,
+    position: tuple[float, float],
+    offset_pt: tuple[float, float],
     *,
-    frame: Any = "axes fraction",  # noqa: ANN401 - as Matplotlib takes it
-    **text: Any,  # noqa: ANN401 - as Matplotlib takes it
+    frame: Any = "axes fraction",  # noqa: ANN401 - Matplotlib's own
+    **options: Any,  # noqa: ANN401 - Matplotlib's own
 ) -> "Annotation":
-    """Words `by_pt` points away from a place of a panel, also outside of it."""
-    place: dict[str, Any] = {"xycoords": frame, "textcoords": "offset points"}
-    return panel.annotate(words, at, xytext=by_pt, annotation_clip=False, **place, **text)
+    """Write `text` at `offset_pt` points from `position`, also outside of the panel."""
+    coordinates: dict[str, Any] = {"xycoords": frame, "textcoords": "offset points"}
+    return panel.annotate(
+        text, position, xytext=offset_pt, annotation_clip=False, **coordinates, **options
+    )
 
 
 def class_style(afferent: str, size_pt: float = TEXT_PT) -> dict[str, Any]:
-    """Style of the name of a class: bold, in its colour."""
+    """Text style of the name of an afferent class: bold, in its colour."""
     colour = AFFERENT_COLOURS.get(afferent, INK)
     return {"color": colour, "fontsize": size_pt, "fontweight": "bold"}
 
@@ -283,83 +285,89 @@ def legend_above(
     figure: "Figure",
     samples: Iterable[Any],
     names: Iterable[str],
-    **spacing: Any,  # noqa: ANN401 - as Matplotlib takes it
+    **spacing: Any,  # noqa: ANN401 - Matplotlib's own
 ) -> None:
-    """One row of names above all panels.
+    """Add a legend of one row above all panels.
 
-    A sample is the style of a line; a list of them is shown side by side: a class each.
+    A sample is a line style, or a list of line styles (one per class) shown side by side.
     """
     from matplotlib.legend_handler import HandlerTuple
     from matplotlib.lines import Line2D
 
     handles: list[Any] = [
-        tuple(Line2D([], [], **one) for one in (each if isinstance(each, list) else [each]))
-        for each in samples
+        tuple(
+            Line2D([], [], **style) for style in (sample if isinstance(sample, list) else [sample])
+        )
+        for sample in samples
     ]
-    place: dict[str, Any] = {"loc": "outside upper center"}
+    location: dict[str, Any] = {"loc": "outside upper center"}
     if figure.get_layout_engine() is None:
-        place = {"loc": "upper center", "borderaxespad": 0.2}
+        location = {"loc": "upper center", "borderaxespad": 0.2}
     figure.legend(
         handles,
         list(names),
         ncols=len(handles),
         handler_map={tuple: HandlerTuple(ndivide=None, pad=0.0)},
-        **{**place, **spacing},
+        **{**location, **spacing},
     )
 
 
 def shade_outside(panel: "Axes", window_ms: tuple[float, float]) -> None:
-    """Give the time of a panel that is not in the window a grey ground."""
+    """Shade the time of a panel outside `window_ms` grey."""
     start_ms, end_ms = panel.get_xlim()
-    for left, right in ((start_ms, window_ms[0]), (window_ms[1], end_ms)):
-        if right > left:
-            ground = panel.axvspan(left, right, facecolor=SHADE, linewidth=0, zorder=-2)
-            ground.set_label(_SHADED)
+    for from_ms, to_ms in ((start_ms, window_ms[0]), (window_ms[1], end_ms)):
+        if to_ms > from_ms:
+            patch = panel.axvspan(from_ms, to_ms, facecolor=SHADE, linewidth=0, zorder=-2)
+            patch.set_label(_SHADE_LABEL)
 
 
 def explain_shade(
     figure: "Figure",
     windows_ms: Iterable[tuple[float, float]],
-    **place: Any,  # noqa: ANN401 - as Matplotlib takes it
+    **location: Any,  # noqa: ANN401 - Matplotlib's own
 ) -> None:
-    """Name the grey ground of `shade_outside`, where there is any, in a legend below all panels."""
+    """Add a legend below all panels for the grey of `shade_outside`, if any panel has it."""
     from matplotlib.patches import Patch
 
-    if not any(patch.get_label() == _SHADED for panel in figure.axes for patch in panel.patches):
+    if not any(
+        patch.get_label() == _SHADE_LABEL for panel in figure.axes for patch in panel.patches
+    ):
         return
     spans = {f" ({start:g} to {end:g} ms)" for start, end in windows_ms}
-    words = f"outside the time in which spikes are counted{spans.pop() if len(spans) == 1 else ''}"
-    sample = Patch(facecolor=SHADE, edgecolor=FAINT, linewidth=HAIR_PT, label=words)
-    figure.legend(handles=[sample], **{"loc": "outside lower center", "handlelength": 1.4, **place})
+    label = f"outside the time in which spikes are counted{spans.pop() if len(spans) == 1 else ''}"
+    sample = Patch(facecolor=SHADE, edgecolor=FAINT, linewidth=HAIR_PT, label=label)
+    figure.legend(
+        handles=[sample], **{"loc": "outside lower center", "handlelength": 1.4, **location}
+    )
 
 
-def fitting(words: str, room_in: float, size_pt: float = SMALL_TEXT_PT) -> str:
-    """`words` on one line, or as much of their two ends as is no wider than `room_in`."""
+def shorten_text(text: str, width_in: float, size_pt: float = SMALL_TEXT_PT) -> str:
+    """`text` on one line, cut in the middle to at most `width_in` inches."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import text_to_path
 
-    font, whole = FontProperties(size=size_pt), " ".join(words.split())
-    shown, kept = whole, min(len(whole), _MOST_LETTERS)
-    while kept > 1 and text_to_path.get_text_width_height_descent(shown, font, False)[0] > (
-        room_in * PT_PER_IN
+    font, line = FontProperties(size=size_pt), " ".join(text.split())
+    shortened, letters = line, min(len(line), _MAX_LETTERS)
+    while letters > 1 and text_to_path.get_text_width_height_descent(shortened, font, False)[0] > (
+        width_in * PT_PER_IN
     ):
-        kept -= 1
-        shown = f"{whole[: (kept + 1) // 2]}…{whole[len(whole) - kept // 2 :]}"
-    return shown
+        letters -= 1
+        shortened = f"{line[: (letters + 1) // 2]}…{line[len(line) - letters // 2 :]}"
+    return shortened
 
 
-def spread(wanted: Sequence[float], step: float, bottom: float, top: float) -> list[float]:
-    """Move falling heights apart by `step` or more, each as little as it can be.
+def spread_heights(targets: Sequence[float], step: float, bottom: float, top: float) -> list[float]:
+    """Falling heights at least `step` apart, as close to `targets` as possible.
 
-    They stay between `bottom` and `top` where there is room for all; in groups
-    that push each other, the middle stays where it was.
+    They stay between `bottom` and `top` if there is room for all. The mean of a group of
+    heights that are moved apart does not change.
     """
     from scipy.optimize import isotonic_regression
 
-    below = step * np.arange(len(wanted))
-    placed = isotonic_regression(wanted + below, increasing=False).x
-    # Where there is no room for all, the upper end counts.
+    offsets = step * np.arange(len(targets))
+    moved = isotonic_regression(targets + offsets, increasing=False).x
+    # Without room for all, the upper limit takes precedence.
     heights: list[float] = (
-        np.minimum(np.maximum(placed, bottom + below[-1]), top) - below
+        np.minimum(np.maximum(moved, bottom + offsets[-1]), top) - offsets
     ).tolist()
     return heights

@@ -1,4 +1,4 @@
-"""Stress histories: a panel a node, one below the other, on one time axis."""
+"""Stress histories: one panel per node, one below the other, with one time axis."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -8,11 +8,11 @@ from fembridge.plots.style import (
     PAGE_WIDTH_IN,
     class_style,
     explain_shade,
-    fitting,
     in_style,
     new_figure,
     note,
     shade_outside,
+    shorten_text,
 )
 from fembridge.plots.waveform import draw_waveform
 from fembridge.stimulus import Stimulus
@@ -21,7 +21,7 @@ from fembridge.trace import StressTrace
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MOST_PANELS = 20
+MAX_PANELS = 20
 
 _PANEL_IN, _WAVEFORM_IN, _AROUND_IN, _LEGEND_IN = 0.85, 0.6, 0.42, 0.22
 _PA_PER_KPA = 1000.0
@@ -29,16 +29,16 @@ _PA_PER_KPA = 1000.0
 
 @in_style
 def trace_figure(traces: Sequence[StressTrace], *, waveform: Stimulus | None = None) -> "Figure":
-    """Von Mises stress over time: a panel a trace, from top to bottom.
+    """Von Mises stress over time: one panel per trace, from top to bottom.
 
-    All have the same unit, kPa, or Pa where none reaches 1 kPa, and each its own scale. `waveform`
-    is the stimulus that made them, to be drawn above; what is outside its window gets a grey
-    ground. Raises UsageError: no trace, or more than `MOST_PANELS`.
+    All panels have the same unit (kPa, or Pa if no trace reaches 1 kPa), each its own scale.
+    `waveform` is their stimulus, by default none: it is drawn above, and the time outside its
+    counting window is shaded. Raises UsageError: no trace, or more than `MAX_PANELS`.
     """
     from matplotlib.ticker import MaxNLocator
 
-    if not 0 < len(traces) <= MOST_PANELS:
-        raise UsageError(f"{len(traces)} traces, expected 1 to {MOST_PANELS} in one picture")
+    if not 0 < len(traces) <= MAX_PANELS:
+        raise UsageError(f"{len(traces)} traces, expected 1 to {MAX_PANELS} in one picture")
     heights_in = [_WAVEFORM_IN] * (waveform is not None) + [_PANEL_IN] * len(traces)
     height_in = sum(heights_in) + _AROUND_IN + _LEGEND_IN * (waveform is not None)
     figure, panels = new_figure(height_in, len(heights_in), heights=heights_in, sharex=True)
@@ -48,7 +48,7 @@ def trace_figure(traces: Sequence[StressTrace], *, waveform: Stimulus | None = N
     if waveform:
         draw_waveform(panels[0], waveform)
         panels[0].set_ylabel("Depth\n(µm)")
-        panels[0].set_title(fitting(waveform.id, 0.8 * PAGE_WIDTH_IN), parse_math=False)
+        panels[0].set_title(shorten_text(waveform.id, 0.8 * PAGE_WIDTH_IN), parse_math=False)
     for panel, trace in zip(panels[-len(traces) :], traces, strict=True):
         style = class_style(trace.afferent or "")
         panel.plot(trace.times_ms, trace.stress_pa / unit_pa, color=style["color"])

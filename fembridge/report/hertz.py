@@ -9,15 +9,14 @@ and below its middle, with ``s = sqrt(1 + (z/a)^2)``, the stresses are
 
     across: -p0 ((s^2 + (z/a)^2) / s - 2 z/a),   along: -p0 / s
 
-(K. L. Johnson, Contact Mechanics, 1985, section 4.2). What it leaves out is kept
-small here: friction and large strain are off; the block reaches 240 a to each side;
-a/R is 0.01, since points of the surface move towards the middle by a share that goes
-with it; the springs of the contact give 4e-4; the probe is a polygon with four sides to
-an element.
+(K. L. Johnson, Contact Mechanics, 1985, section 4.2). Effects outside the closed form are
+small here: friction and large strain are off; the block reaches 240 a to each side; a/R is
+0.01, because surface points move towards the middle in proportion to it; the contact springs
+account for 4e-4; the probe is a polygon with four sides per element.
 
-Pressure is measured as forces on the probe's corners, gathered to the nearest nodes of
-the block. Half the width is that of the half ellipse of the same second moment,
-``P a^2 / 4``; the peak is the end of the straight line that ``p^2`` is in ``x^2``.
+Pressure is computed from the forces on the probe's corners, summed at the nearest nodes of the
+block. The half width is that of the half ellipse with the same second moment, ``P a^2 / 4``;
+the peak is the intercept of the straight line that ``p^2`` is in ``x^2``.
 """
 
 from dataclasses import dataclass
@@ -58,11 +57,11 @@ STIFFNESS_MPA_PER_MM = 2.0e6
 DEPTH_UM = 11.25
 INCREMENTS = 2
 BLOCK_MM = 96.0
-# The contact reaches about 0.4 mm to both sides; elements are even to here.
+# The contact reaches about 0.4 mm to both sides; elements have equal widths up to here.
 EVEN_MM = 0.64
-# Coarsest element; finer meshes halve every element of it.
+# Coarsest element width; finer meshes halve every element.
 COARSE_MM = 0.08
-# Places on the axis that are nodes of every mesh.
+# Depths on the axis that are nodes of every mesh.
 AXIS_MM = (0.08, 0.16, 0.24, 0.32, 0.40, 0.48, 0.56, 0.64)
 HALVINGS = (0, 1, 2)
 BOUND_PERCENT = 1.0
@@ -80,19 +79,19 @@ _PRINTS = ("*NODE PRINT, NSET=PROBE, TOTALS=ONLY", "*NODE PRINT, NSET=PROBE")
 
 @dataclass(frozen=True, slots=True)
 class Hertz:
-    """The closed form for a force per mm of length."""
+    """Closed form for a force per mm of length."""
 
     force_n_per_mm: float
 
     @property
     def half_width_mm(self) -> float:
-        """Half the width of the contact."""
+        """Half width of the contact."""
         share = 4 * self.force_n_per_mm * RADIUS_MM / (np.pi * E_STAR_MPA)
         return float(np.sqrt(share))
 
     @property
     def peak_mpa(self) -> float:
-        """Pressure in the middle."""
+        """Pressure at the middle."""
         return float(np.sqrt(self.force_n_per_mm * E_STAR_MPA / (np.pi * RADIUS_MM)))
 
     def pressure_mpa(self, x_mm: FloatArray) -> FloatArray:
@@ -117,8 +116,8 @@ class Hertz:
 
 
 @dataclass(frozen=True, slots=True)
-class Pressed:
-    """What one mesh gives: `pressure_mpa` at `x_mm`, `von_mises_mpa` on the axis."""
+class BlockResult:
+    """Result on one mesh: `pressure_mpa` at `x_mm`, `von_mises_mpa` on the axis."""
 
     width_mm: float
     elements: int
@@ -129,17 +128,17 @@ class Pressed:
 
     @property
     def axis_share(self) -> FloatArray:
-        """Von Mises stress on the axis over that of the closed form."""
+        """Von Mises stress on the axis relative to the closed form."""
         share: FloatArray = self.von_mises_mpa / self.form.von_mises_mpa(np.array(AXIS_MM))
         return share
 
     def to_row(self) -> dict[str, float]:
-        """What it gives, and how far it is off; of the axis where it is furthest."""
+        """Results and their errors; of the stress on the axis the largest error."""
         x2_mm2, pressure_mpa, form = self.x_mm**2, self.pressure_mpa, self.form
         half_width_mm = float(2 * np.sqrt((pressure_mpa * x2_mm2).sum() / pressure_mpa.sum()))
         inner = np.abs(self.x_mm) < _INNER_SHARE * form.half_width_mm
         peak_mpa = float(np.sqrt(np.polyfit(x2_mm2[inner], pressure_mpa[inner] ** 2, 1)[1]))
-        off = self.axis_share - 1
+        error = self.axis_share - 1
         return {
             "element_mm": self.width_mm,
             "elements": self.elements,
@@ -148,13 +147,13 @@ class Pressed:
             "half_width_percent": 100 * (half_width_mm / form.half_width_mm - 1),
             "peak_mpa": peak_mpa,
             "peak_percent": 100 * (peak_mpa / form.peak_mpa - 1),
-            "von_mises_percent": 100 * float(off[np.abs(off).argmax()]),
+            "von_mises_percent": 100 * float(error[np.abs(error).argmax()]),
         }
 
 
 def study(runs: Runs) -> Finding:
-    """Press at three sizes of elements."""
-    meshes = [_pressed(runs, count) for count in HALVINGS]
+    """Errors and orders of convergence with three element sizes."""
+    meshes = [_press_block(runs, count) for count in HALVINGS]
     share = np.array([mesh.axis_share for mesh in meshes])
     table = DataFrame([mesh.to_row() for mesh in meshes])
     width, force = table.element_mm.to_numpy(), table.force_n_per_mm.to_numpy()
@@ -169,13 +168,15 @@ def study(runs: Runs) -> Finding:
             for depth in (0.16, 0.32, 0.64)
         },
     }
-    orders = [(what, *extrapolated(width, value)) for what, value in series.items()]
+    orders = [(quantity, *extrapolated(width, value)) for quantity, value in series.items()]
     quantities = ("half width", "peak pressure", "von Mises stress on the axis")
     return Finding(
         checks=(
             *(
-                Check(f"{what}, finest mesh: error", abs(float(off)), BOUND_PERCENT, "%")
-                for what, off in zip(quantities, errors[-1], strict=True)
+                Check(
+                    f"{quantity}, finest mesh: error", abs(float(error_percent)), BOUND_PERCENT, "%"
+                )
+                for quantity, error_percent in zip(quantities, errors[-1], strict=True)
             ),
             Check(f"observed order of the {_FORCE}", orders[0][2], LEAST_ORDER, side=AT_LEAST),
         ),
@@ -189,31 +190,31 @@ def study(runs: Runs) -> Finding:
     )
 
 
-def _pressed(runs: Runs, halvings: int) -> Pressed:
+def _press_block(runs: Runs, halvings: int) -> BlockResult:
     analysis, stimulus = cylinder_on_block(halvings)
-    runs.log(f"hertz: {analysis.title}, {len(analysis.mesh.quad)} elements")
+    runs.log(f"hertz: solving {len(analysis.mesh.quad)} elements of {element_mm(halvings):g} mm")
     deck = calculix_deck(analysis).replace(*_PRINTS)
     increments = analysis.motion.increments
     folder = runs.solve_deck(f"hertz/{halvings}", deck, increments, stimulus.dt_ms)
     _, _, forces_n = read_node_print(folder / f"{JOB}.dat", "forces", "PROBE")
     lower_n = np.abs(forces_n[-1, analysis.probe_mesh.lower_node, 1])
     width_mm = element_mm(halvings)
-    # The pressure of the probe's corners nearest to each node of the block.
-    at_mm = analysis.probe_mesh.node_mm[analysis.probe_mesh.lower_node, 0]
-    cell, of_corner = np.unique(np.rint(at_mm / width_mm), return_inverse=True)
+    # Forces of the probe's corners, summed at the nearest node of the block.
+    corner_mm = analysis.probe_mesh.node_mm[analysis.probe_mesh.lower_node, 0]
+    node_index, corner_node = np.unique(np.rint(corner_mm / width_mm), return_inverse=True)
     nodes = list(analysis.afferent.values())
     _, tensor_pa = read_values(folder / f"{JOB}.frd", nodes)
-    return Pressed(
+    return BlockResult(
         width_mm=width_mm,
         elements=len(analysis.mesh.quad),
         form=Hertz(float(lower_n.sum())),
-        x_mm=cell * width_mm,
-        pressure_mpa=np.bincount(of_corner, lower_n) / width_mm,
+        x_mm=node_index * width_mm,
+        pressure_mpa=np.bincount(corner_node, lower_n) / width_mm,
         von_mises_mpa=von_mises_pa(tensor_pa[-1]) * 1e-6,
     )
 
 
-def _figure(meshes: list[Pressed], errors: FloatArray, width: FloatArray) -> Figure:
+def _figure(meshes: list[BlockResult], errors: FloatArray, width: FloatArray) -> Figure:
     form = meshes[-1].form
     across = np.linspace(-1.3, 1.3, 261)
     depth_mm = np.linspace(0.0, EVEN_MM, 161)
@@ -229,8 +230,8 @@ def _figure(meshes: list[Pressed], errors: FloatArray, width: FloatArray) -> Fig
         half_mm, peak_mpa = mesh.form.half_width_mm, mesh.form.peak_mpa
         pressure.plot(mesh.x_mm[near] / half_mm, mesh.pressure_mpa[near] / peak_mpa, **style)
         stress.plot(np.array(AXIS_MM) / half_mm, mesh.von_mises_mpa / peak_mpa, **style)
-    for row, what in enumerate(("half width", "peak pressure", "von Mises stress")):
-        convergence.plot(width, errors[:, row], label=what, **line(row))
+    for row, quantity in enumerate(("half width", "peak pressure", "von Mises stress")):
+        convergence.plot(width, errors[:, row], label=quantity, **line(row))
     finish(pressure, "x / a", "pressure / p0")
     finish(stress, "depth / a", "von Mises stress / p0")
     finish(convergence, "element (mm)", "error (%)", log="x")
@@ -238,7 +239,7 @@ def _figure(meshes: list[Pressed], errors: FloatArray, width: FloatArray) -> Fig
 
 
 def cylinder_on_block(halvings: int) -> tuple[Analysis, Stimulus]:
-    """Analysis of the cylinder on the block whose elements were halved so often."""
+    """Analysis of the cylinder on the block with elements halved `halvings` times."""
     mesh = _block(halvings)
     stimulus = Stimulus("hertz", np.linspace(0.0, DEPTH_UM, INCREMENTS + 1), 1.0, (0.0, INCREMENTS))
     finger = Finger(
@@ -246,7 +247,9 @@ def cylinder_on_block(halvings: int) -> tuple[Analysis, Stimulus]:
         outline=Outline(50.0, 50.0),
         bone=Bone(depth_mm=50.0),
         materials={**QUICK.materials, "dermis": MATERIAL},
-        afferents={f"Z{row}": AfferentSite("dermis", 0.0, at) for row, at in enumerate(AXIS_MM)},
+        afferents={
+            f"Z{row}": AfferentSite("dermis", 0.0, depth_mm) for row, depth_mm in enumerate(AXIS_MM)
+        },
     )
     edge, owner, face = mesh.outline()
     middle_mm = mesh.node_mm[edge].mean(axis=1)
@@ -277,16 +280,16 @@ def _block(halvings: int) -> Mesh:
     """Mesh of a rectangle below y = 0, its elements square near the origin."""
     right = _ticks(halvings)
     x_mm = np.concatenate([-right[:0:-1], right])
-    at = np.stack(np.meshgrid(x_mm, -right), -1).reshape(-1, 2)
+    grid_mm = np.stack(np.meshgrid(x_mm, -right), -1).reshape(-1, 2)
     row, column = np.indices((len(right) - 1, len(x_mm) - 1)).reshape(2, -1)
     upper = row * len(x_mm) + column
     lower = upper + len(x_mm)
     quad = np.stack([lower, lower + 1, upper + 1, upper], -1)
-    return Mesh(np.round(at, 9) + 0.0, quad, np.full(len(quad), _DERMIS))
+    return Mesh(np.round(grid_mm, 9) + 0.0, quad, np.full(len(quad), _DERMIS))
 
 
 def _ticks(halvings: int) -> FloatArray:
-    """From 0 to the block's end: even ones, then growing ones, each halved."""
+    """Node positions from 0 to the block's end: equal steps, then growing steps, all halved."""
     even = np.linspace(0.0, EVEN_MM, round(EVEN_MM / COARSE_MM) + 1)
     reach = np.cumsum(COARSE_MM * _GROWTH ** np.arange(1, 60))
     count = int(np.searchsorted(reach, BLOCK_MM - EVEN_MM)) + 1
@@ -299,7 +302,7 @@ def _ticks(halvings: int) -> FloatArray:
 
 
 def _cylinder(side_mm: float) -> ProbeMesh:
-    """Mesh of the lowest part of the cylinder, its corners `side_mm` apart in x."""
+    """Mesh of the lowest part of the cylinder with corners `side_mm` apart in x."""
     count = round(_PROBE_HALF_MM / side_mm)
     x_mm = np.linspace(-_PROBE_HALF_MM, _PROBE_HALF_MM, 2 * count + 1)
     lower = np.stack([x_mm, RADIUS_MM - np.sqrt(RADIUS_MM**2 - x_mm**2)], -1)

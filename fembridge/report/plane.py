@@ -1,22 +1,22 @@
-"""Studies without contact, in plane strain, the boundary prescribed.
+"""Studies without contact: plane strain with prescribed displacements on the boundary.
 
-`patch`: elements of any shape under a linear displacement. All nodes of the rim follow
-``u = G x``; those inside are free. Whatever the shape of the elements, strain is that of G
-everywhere, and stress has a closed form, for small strain and for both laws of large strain.
+`patch`: elements of any shape under a linear displacement. All boundary nodes follow
+``u = G x``, inner nodes are free. For any element shape the strain is that of G everywhere,
+and stress has a closed form, for small strain and for both laws at large strain.
 
-`second_solver`: the `quick` finger, small strain; the skin's nodes under the probe go down
-by what is prescribed, the bone does not move. CalculiX against scikit-fem: another program's
-shape functions, assembly and equation solver.
+`second_solver`: the `quick` finger at small strain; the skin's nodes under the probe get a
+prescribed displacement, the bone is fixed. CalculiX is compared with scikit-fem, which has
+independent shape functions, assembly and equation solver.
 
-`ring`: thick, of a dermis with a Poisson's ratio of 0.48; its inner side moves by `u` away from
-the middle, its outer side is free:
+`ring`: a thick ring of dermis with a Poisson's ratio of 0.48; its inner side moves outwards
+by `u`, its outer side is free:
 
     u_r = A r + B / r,  A = mu B / ((lambda + mu) b^2),  u = A a + B / a
     sigma_rr, sigma_tt = 2 (lambda + mu) A -/+ 2 mu B / r^2,  sigma_zz = 2 lambda A
 
-(Timoshenko & Goodier, Theory of Elasticity, section 28). Towards a Poisson's ratio of
-0.5 the ring's volume stays the same: A goes to 0 while its product with lambda stays
-finite. An element that cannot keep its volume pays with a mean stress that is wrong.
+(Timoshenko & Goodier, Theory of Elasticity, section 28). As Poisson's ratio approaches 0.5
+the volume of the ring becomes constant: A tends to 0 while its product with lambda stays
+finite. An element that cannot keep its volume has a wrong mean stress.
 """
 
 import importlib.metadata
@@ -51,15 +51,15 @@ from fembridge.typing import FloatArray, IntArray
 
 NEO_HOOKEAN = "neo-hookean"
 BODY = "BODY"
-# What is printed at integration points is of this set of elements.
+# Element set of the printed stress at integration points.
 _PRINTED = "PRINTED"
 
-# The patch.
+# Patch test.
 MATERIAL = TABLE_1["dermis"]
 SMALL = np.array([[2e-3, -1e-3], [4e-3, 1.5e-3]])
 LARGE = np.array([[0.20, -0.10], [0.15, -0.25]])
 BOUND = 1.0e-6
-# Five quads, none a parallelogram: one within a rectangle, rotated and shifted.
+# Five quads, none a parallelogram: an inner one, rotated and shifted, and four around it.
 _DISTORTED = Mesh(
     np.array(
         [
@@ -74,43 +74,44 @@ _SHAPES = (
     *((element, "distorted") for element in ("CPE4", "CPE8", "CPE8R", "CPE4R")),
     ("CPE4R", "parallelograms"),
 )
-# Law, whether strain is large, and both in words.
+# Law, whether strain is large, and the label of both.
 _LAWS = (
     ("linear", False, "small, Hooke"),
     ("linear", True, "large, linear law"),
     (NEO_HOOKEAN, True, "large, neo-Hookean"),
 )
-# CPE4R's hourglass control answers to a linear displacement as well.
+# CPE4R's hourglass control also acts on a linear displacement.
 _EXPECTED_TO_FAIL = ("CPE4R", "distorted")
 _INCREMENTS = 4
 
-# The second solver.
+# Second solver.
 ELEMENTS = ("CPE4", "CPE8R")
-PRESSED_HALF_MM, PRESSED_MM = 0.25, 0.02
+PRESSED_HALF_WIDTH_MM, PRESSED_DEPTH_MM = 0.25, 0.02
 BOUND_PERCENT = 0.1
-# Every corner of the bone is fixed: it carries next to no stress to compare.
+# Every corner of the bone is fixed, so its stress is almost 0 and is not compared.
 _FIXED = "bone"
-# Gauss points of two in each direction on the unit square.
-_HALF_WAY = 0.5 / np.sqrt(3)
-_GAUSS = np.array([0.5 - _HALF_WAY, 0.5 + _HALF_WAY])
+# Two Gauss points per direction on the unit square.
+_GAUSS_OFFSET = 0.5 / np.sqrt(3)
+_GAUSS_POINTS = np.array([0.5 - _GAUSS_OFFSET, 0.5 + _GAUSS_OFFSET])
 
-# The ring.
+# Ring.
 RING_ELEMENTS = ("CPE4", "CPE4R", "CPE8R")
 RING_ROWS, RING_ROWS_QUICK = (4, 8, 16, 32), (4, 8, 16)
 RATIOS = (0.48, 0.499)
 INNER_MM, OUTER_MM = 0.5, 2.0
-MOVED_MM = -0.005
+INNER_DISPLACEMENT_MM = -0.005
 _RING_BOUND_PERCENT = 3.0
 _CORNERS = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneProblem:
-    """Nodes ``(N, 2)`` in mm, elements ``(E, 4 or 8)`` as rows of nodes, and more.
+    """A plane-strain problem with prescribed displacements.
 
-    `materials` and `element_material` ``(E,)`` say what each element is made of, by
-    `law`, one of `decks.analysis.LAWS`. `moved` ``(M,)`` are rows of nodes and
-    `moved_mm` ``(M, 2)`` their displacement; NaN leaves a direction free.
+    `kind` is the element type, `node_mm` ``(N, 2)`` the nodes, `element` ``(E, 4 or 8)`` the
+    node rows of each element. `element_material` ``(E,)`` are indices of `materials`; `law` is
+    one of `decks.analysis.LAWS`. `moved` ``(M,)`` are rows of nodes and `moved_mm` ``(M, 2)``
+    their displacement; NaN leaves a direction free.
     """
 
     kind: str
@@ -125,15 +126,15 @@ class PlaneProblem:
     increments: int = 1
 
     def deck(self) -> str:
-        """Text of the deck; its step lasts a second an increment."""
+        """Text of the deck; its step lasts one second per increment."""
         numbers = np.arange(len(self.element)) + 1
-        mine = [self.element_material == one for one in range(len(self.materials))]
+        masks = [self.element_material == number for number in range(len(self.materials))]
         node, axis = np.nonzero(~np.isnan(self.moved_mm))
         return template("plane.inp.j2").render(
             problem=self,
             sections=[
                 ElementSet(f"{BODY}_{k}", numbers[rows], self.element[rows] + 1, material, self.law)
-                for k, (rows, material) in enumerate(zip(mine, self.materials, strict=True))
+                for k, (rows, material) in enumerate(zip(masks, self.materials, strict=True))
             ],
             boundary=zip(
                 (self.moved[node] + 1).tolist(),
@@ -168,12 +169,12 @@ def uniform_stress_mpa(
     ``U = G/2 (I1bar − 3) + K/2 (J − 1)²``, so that
     ``sigma = G/J dev(bbar) + K (J − 1) I`` with ``bbar = J^(−2/3) F Fᵀ``.
     """
-    whole = np.zeros((3, 3))
-    whole[:2, :2] = gradient
+    gradient_3d = np.zeros((3, 3))
+    gradient_3d[:2, :2] = gradient
     if not large_strain:
-        stress = _hooke_mpa(0.5 * (whole + whole.T), material)
+        stress = _hooke_mpa(0.5 * (gradient_3d + gradient_3d.T), material)
     else:
-        stretch = np.eye(3) + whole
+        stretch = np.eye(3) + gradient_3d
         volume = float(np.linalg.det(stretch))
         if law == NEO_HOOKEAN:
             isochoric = volume ** (-2 / 3) * stretch @ stretch.T
@@ -184,7 +185,7 @@ def uniform_stress_mpa(
             green = 0.5 * (stretch.T @ stretch - np.eye(3))
             stress = stretch @ _hooke_mpa(green, material) @ stretch.T / volume
     order = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))
-    return np.array([stress[place] for place in order])
+    return np.array([stress[index] for index in order])
 
 
 def _hooke_mpa(strain: FloatArray, material: Material) -> FloatArray:
@@ -194,22 +195,22 @@ def _hooke_mpa(strain: FloatArray, material: Material) -> FloatArray:
 
 
 def patch(runs: Runs) -> Finding:
-    """Solve each case; errors are shares of the largest component."""
+    """Errors of each element and law; stress relative to its largest component."""
     rows = [
         (element, mesh, strain, *_errors(runs, element, mesh, law, large))
         for (element, mesh), (law, large, strain) in product(_SHAPES, _LAWS)
     ]
     worst = max(row[-1] for row in rows if row[:2] != _EXPECTED_TO_FAIL)
-    what = "largest error of stress, CPE4R on distorted quadrilaterals left out"
+    check_name = "largest error of stress, without CPE4R on distorted quadrilaterals"
     columns = ["element", "patch", "strain", "displacement_mm", "stress"]
     return Finding(
-        checks=(Check(what, worst, BOUND),),
+        checks=(Check(check_name, worst, BOUND),),
         tables={"patch": DataFrame(rows, columns=columns)},
     )
 
 
 def _errors(runs: Runs, kind: str, patch: str, law: str, large: bool) -> tuple[float, float]:
-    """Largest error of displacement in mm, and of stress as a share."""
+    """Largest error of displacement in mm, and of stress relative to its largest component."""
     mesh = _DISTORTED if patch == "distorted" else _parallelograms()
     gradient = LARGE if large else SMALL
     node_mm, element = (
@@ -218,8 +219,8 @@ def _errors(runs: Runs, kind: str, patch: str, law: str, large: bool) -> tuple[f
     expected_mm = node_mm @ gradient.T
     edge, _, _ = mesh.outline()
     rim_mm = np.concatenate([mesh.node_mm[np.unique(edge)], mesh.node_mm[edge].mean(axis=1)])
-    away_mm = np.linalg.norm(node_mm[:, None] - rim_mm, axis=2).min(axis=1)
-    rim = np.flatnonzero(away_mm < 1e-12)
+    rim_distance_mm = np.linalg.norm(node_mm[:, None] - rim_mm, axis=2).min(axis=1)
+    rim = np.flatnonzero(rim_distance_mm < 1e-12)
     problem = PlaneProblem(
         kind=kind,
         node_mm=node_mm,
@@ -233,38 +234,40 @@ def _errors(runs: Runs, kind: str, patch: str, law: str, large: bool) -> tuple[f
         increments=_INCREMENTS if large else 1,
     )
     name = f"patch/{kind}_{patch}_{law}_{'large' if large else 'small'}"
-    found_mm, found_pa = problem.solve(runs, name)
+    computed_mm, computed_pa = problem.solve(runs, name)
     stress_mpa = uniform_stress_mpa(gradient, MATERIAL, law, large_strain=large)
-    off_mpa = np.abs(found_pa / PA_PER_MPA - stress_mpa).max()
-    return float(np.abs(found_mm - expected_mm).max()), float(off_mpa / np.abs(stress_mpa).max())
+    error_mpa = np.abs(computed_pa / PA_PER_MPA - stress_mpa).max()
+    return float(np.abs(computed_mm - expected_mm).max()), float(
+        error_mpa / np.abs(stress_mpa).max()
+    )
 
 
 def _parallelograms() -> Mesh:
-    """Nine of them."""
-    x, y = (at.ravel() for at in np.meshgrid(np.arange(4), np.arange(4)))
+    """Mesh of nine parallelograms."""
+    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(4), np.arange(4)))
     first = (np.arange(3)[:, None] * 4 + np.arange(3)).ravel()
     quad = np.stack([first, first + 1, first + 5, first + 4], -1)
     return Mesh(np.stack([0.8 * x + 0.2 * y, 0.4 * y], -1), quad, np.full(9, 2))
 
 
 def second_solver(runs: Runs) -> Finding:
-    """Solve with both, if the second is installed."""
+    """Differences between CalculiX and scikit-fem; skipped if scikit-fem is not installed."""
     if skfem_version() is None:
         return Finding(skipped="scikit-fem is not installed: `pip install scikit-fem`")
     rows = [{"element": element, **_differences_percent(runs, element)} for element in ELEMENTS]
     table = DataFrame(rows)
-    worst = table.drop(columns="element").max(axis=1).tolist()
+    largest = table.drop(columns="element").max(axis=1).tolist()
     return Finding(
         checks=tuple(
-            Check(f"{element}: largest difference", off, BOUND_PERCENT, "%")
-            for element, off in zip(ELEMENTS, worst, strict=True)
+            Check(f"{element}: largest difference", difference_percent, BOUND_PERCENT, "%")
+            for element, difference_percent in zip(ELEMENTS, largest, strict=True)
         ),
         tables={"solver": table},
     )
 
 
 def skfem_version() -> str | None:
-    """Version of scikit-fem; None where it is not installed."""
+    """Version of scikit-fem; None if it is not installed."""
     try:
         return importlib.metadata.version("scikit-fem")
     except importlib.metadata.PackageNotFoundError:
@@ -273,28 +276,28 @@ def skfem_version() -> str | None:
 
 def _differences_percent(runs: Runs, element: str) -> dict[str, float]:
     """Largest differences in percent of the largest value: displacement, stress by layer."""
-    runs.log(f"solver: {element}")
+    runs.log(f"solver: solving with {element}")
     problem, layer = _problem(element)
-    found_mm, found_pa = problem.solve(runs, f"solver/{element}")
-    other_mm, other_mpa = plane_strain(problem)
-    mean_mpa = found_pa.mean(axis=1) / PA_PER_MPA
+    ccx_mm, ccx_pa = problem.solve(runs, f"solver/{element}")
+    skfem_mm, skfem_mpa = plane_strain(problem)
+    mean_mpa = ccx_pa.mean(axis=1) / PA_PER_MPA
     stress = {
-        LAYERS[number]: off_percent(mean_mpa[layer == number], other_mpa[layer == number])
+        LAYERS[number]: off_percent(mean_mpa[layer == number], skfem_mpa[layer == number])
         for number in np.unique(layer).tolist()
         if LAYERS[number] != _FIXED
     }
-    return {"displacement": off_percent(found_mm, other_mm), **stress}
+    return {"displacement": off_percent(ccx_mm, skfem_mm), **stress}
 
 
 def _problem(element: str) -> tuple[PlaneProblem, IntArray]:
-    """Problem, and the layer of each element."""
+    """The problem, and the layer of each element."""
     mesh = mesh_of(QUICK)
     fixed = Model(QUICK, mesh).analysis(down()).fixed_row
     pad = np.sort(mesh.pad())
-    near = np.abs(mesh.node_mm[pad, 0]) <= PRESSED_HALF_MM + 1e-9
+    near = np.abs(mesh.node_mm[pad, 0]) <= PRESSED_HALF_WIDTH_MM + 1e-9
     moved = np.concatenate([fixed, pad[near]])
     moved_mm = np.zeros((len(moved), 2))
-    moved_mm[len(fixed) :, 1] = -PRESSED_MM
+    moved_mm[len(fixed) :, 1] = -PRESSED_DEPTH_MM
     node_mm, nodes = mesh.with_midsides() if element == "CPE8R" else (mesh.node_mm, mesh.quad)
     problem = PlaneProblem(
         kind=element,
@@ -309,7 +312,7 @@ def _problem(element: str) -> tuple[PlaneProblem, IntArray]:
 
 
 def plane_strain(problem: PlaneProblem) -> tuple[FloatArray, FloatArray]:
-    """Solve a small-strain problem with scikit-fem; moved nodes are so in both directions.
+    """Solution of a small-strain problem by scikit-fem; moved nodes move in both directions.
 
     Returns
     -------
@@ -330,13 +333,13 @@ def plane_strain(problem: PlaneProblem) -> tuple[FloatArray, FloatArray]:
     )
     quadratic = problem.element.shape[1] == 8
     element = ElementVector(ElementQuadS2() if quadratic else ElementQuad1())
-    eta, xi = (each.ravel() for each in np.meshgrid(_GAUSS, _GAUSS, indexing="ij"))
+    eta, xi = (grid.ravel() for grid in np.meshgrid(_GAUSS_POINTS, _GAUSS_POINTS, indexing="ij"))
     basis = Basis(mesh, element, quadrature=(np.stack([xi, eta]), np.full(4, 0.25)))
-    moduli = np.array([(one.bulk_mpa, one.shear_mpa) for one in problem.materials])
+    moduli = np.array([(material.bulk_mpa, material.shear_mpa) for material in problem.materials])
     bulk, shear = moduli[problem.element_material].T[..., None]
     lame = bulk - 2 * shear / 3
     matrix = linear_elasticity(lame, shear).assemble(basis)
-    # Both unknowns of a node are at its place.
+    # Both unknowns of a node are at its position.
     _, unknown = cKDTree(basis.doflocs.T).query(problem.node_mm, k=2)
     unknown = np.sort(unknown, axis=1)
     moved = unknown[problem.moved]
@@ -350,7 +353,7 @@ def plane_strain(problem: PlaneProblem) -> tuple[FloatArray, FloatArray]:
 
 
 def ring(runs: Runs) -> Finding:
-    """Solve it with each element, finer and finer, at both ratios."""
+    """Errors of the ring with each element, mesh and Poisson's ratio."""
     all_rows = RING_ROWS_QUICK if runs.quick else RING_ROWS
     table = DataFrame(
         [
@@ -380,32 +383,34 @@ def ring(runs: Runs) -> Finding:
 
 
 def _ring_figure(ring: DataFrame) -> Figure:
-    """Errors against elements across; whole lines Poisson's ratio 0.48, dashed 0.499."""
-    figure, both = panels(2)
-    shown = {
+    """Errors against elements across; solid lines Poisson's ratio 0.48, dashed 0.499."""
+    figure, both_panels = panels(2)
+    titles = {
         "von_mises_percent": "von Mises stress, error (%)",
         "mean_stress_by_point_percent": "mean stress, error (%)",
     }
-    for panel, (column, title) in zip(both, shown.items(), strict=True):
+    for panel, (column, title) in zip(both_panels, titles.items(), strict=True):
         for (row, element), ratio in product(enumerate(RING_ELEMENTS), RATIOS):
-            mine = ring[(ring.poisson == ratio) & (ring.element == element)]
-            whole = ratio == RATIOS[0]
-            style = line(row, mark="both" if whole else "dashed")
-            panel.plot(mine.across, mine[column], label=element if whole else None, **style)
+            rows = ring[(ring.poisson == ratio) & (ring.element == element)]
+            solid = ratio == RATIOS[0]
+            style = line(row, mark="both" if solid else "dashed")
+            panel.plot(rows.across, rows[column], label=element if solid else None, **style)
         finish(panel, "elements across the ring", title, log="xy")
     return figure
 
 
 def _ring_errors(runs: Runs, element: str, rows: int, ratio: float) -> tuple[float, float, float]:
-    """Von Mises stress, mean stress of elements, and of points: largest errors in %."""
+    """Largest errors in %: von Mises stress, mean stress by element, mean stress by point."""
     material = Material(TABLE_1["dermis"].young_mpa, ratio)
     problem = ring_problem(element, rows, material)
     name = f"incompressible/ring_{element}_{rows}_{ratio:g}"
-    _, found = problem.solve(runs, name)
-    exact = _exact_pa(problem.node_mm[problem.element[:, :_CORNERS]], found.shape[1], material)
-    worst = np.abs(von_mises_pa(found) - von_mises_pa(exact)).max()
-    mean, exact_mean = found[..., :3].mean(-1), exact[..., :3].mean(-1)
-    scale = von_mises_pa(exact).max()
+    _, computed_pa = problem.solve(runs, name)
+    exact_pa = _exact_pa(
+        problem.node_mm[problem.element[:, :_CORNERS]], computed_pa.shape[1], material
+    )
+    worst = np.abs(von_mises_pa(computed_pa) - von_mises_pa(exact_pa)).max()
+    mean, exact_mean = computed_pa[..., :3].mean(-1), exact_pa[..., :3].mean(-1)
+    scale = von_mises_pa(exact_pa).max()
     return (
         100 * float(worst / scale),
         100 * float(np.abs(mean.mean(1) - exact_mean.mean(1)).max() / scale),
@@ -416,19 +421,19 @@ def _ring_errors(runs: Runs, element: str, rows: int, ratio: float) -> tuple[flo
 def _exact_pa(corner_mm: FloatArray, points: int, material: Material) -> FloatArray:
     """Closed form ``(E, point, 6)`` at the integration points of elements.
 
-    CalculiX gives a plane element a thickness of one layer: its points are those of
-    the plane, one or four, first coordinate first, once or twice.
+    CalculiX expands a plane element to one layer of solid elements, so the one or four points of
+    the plane occur once or twice, first coordinate first.
     """
     ends = np.array([0.0]) if points == 1 else np.array([-1.0, 1.0]) / np.sqrt(3)
-    eta, xi = (each.ravel() for each in np.meshgrid(ends, ends, indexing="ij"))
+    eta, xi = (grid.ravel() for grid in np.meshgrid(ends, ends, indexing="ij"))
     shape = 0.25 * np.stack(
         [(1 - xi) * (1 - eta), (1 + xi) * (1 - eta), (1 + xi) * (1 + eta), (1 - xi) * (1 + eta)], -1
     )
-    at_mm = np.einsum("pc,ecx->epx", shape, corner_mm)
-    at_mm = np.concatenate([at_mm] * (points // len(xi)), axis=1)
-    radius_mm = np.linalg.norm(at_mm, axis=-1)
+    point_mm = np.einsum("pc,ecx->epx", shape, corner_mm)
+    point_mm = np.concatenate([point_mm] * (points // len(xi)), axis=1)
+    radius_mm = np.linalg.norm(point_mm, axis=-1)
     radial, tangential, axial = np.moveaxis(ring_stress_mpa(radius_mm, material), -1, 0)
-    cos, sin = np.moveaxis(at_mm / radius_mm[..., None], -1, 0)
+    cos, sin = np.moveaxis(point_mm / radius_mm[..., None], -1, 0)
     stress = np.zeros((*axial.shape, 6))
     stress[..., 0] = radial * cos**2 + tangential * sin**2
     stress[..., 1] = radial * sin**2 + tangential * cos**2
@@ -438,11 +443,11 @@ def _exact_pa(corner_mm: FloatArray, points: int, material: Material) -> FloatAr
 
 
 def ring_stress_mpa(radius_mm: FloatArray, material: Material) -> FloatArray:
-    """Radial, tangential and axial stress ``(..., 3)``."""
+    """Radial, tangential and axial stress ``(..., 3)`` in the ring."""
     shear_mpa, bulk_mpa = material.shear_mpa, material.bulk_mpa
     lame_mpa = bulk_mpa - 2 * shear_mpa / 3
     share = shear_mpa / ((bulk_mpa + shear_mpa / 3) * OUTER_MM**2)
-    b = MOVED_MM / (share * INNER_MM + 1 / INNER_MM)
+    b = INNER_DISPLACEMENT_MM / (share * INNER_MM + 1 / INNER_MM)
     a = share * b
     plane = 2 * (lame_mpa + shear_mpa) * a
     turn = 2 * shear_mpa * b / radius_mm**2
@@ -451,27 +456,27 @@ def ring_stress_mpa(radius_mm: FloatArray, material: Material) -> FloatArray:
 
 
 def ring_problem(kind: str, rows: int, material: Material) -> PlaneProblem:
-    """A quarter of the ring with `rows` elements across the wall; the cuts slide."""
+    """A quarter of the ring with `rows` elements across the wall; the cut faces slide freely."""
     quadratic = kind in ("CPE8", "CPE8R")
     step = 2 if quadratic else 1
     across, along = step * rows + 1, step * 2 * rows + 1
     share = np.linspace(0.0, 1.0, across)
     radius_mm = INNER_MM * (OUTER_MM / INNER_MM) ** share
-    if quadratic:  # mid-sides in the middle of straight sides
+    if quadratic:  # mid-side nodes in the middle of straight sides
         radius_mm[1::2] = 0.5 * (radius_mm[:-1:2] + radius_mm[2::2])
     angle = np.linspace(0.0, np.pi / 2, along)
-    at = np.stack([np.outer(radius_mm, np.cos(angle)), np.outer(radius_mm, np.sin(angle))], -1)
+    grid_mm = np.stack([np.outer(radius_mm, np.cos(angle)), np.outer(radius_mm, np.sin(angle))], -1)
     if quadratic:
-        at[:, 1::2] = 0.5 * (at[:, :-1:2] + at[:, 2::2])
+        grid_mm[:, 1::2] = 0.5 * (grid_mm[:, :-1:2] + grid_mm[:, 2::2])
     element = _ring_elements(np.arange(across * along).reshape(across, along), quadratic)
     used, compact = np.unique(element, return_inverse=True)
-    node_mm = at.reshape(-1, 2)[used]
+    node_mm = grid_mm.reshape(-1, 2)[used]
     row, column = np.unravel_index(used, (across, along))
     moved_mm = np.full_like(node_mm, np.nan)  # NaN is free
     moved_mm[column == 0, 1] = 0.0
     moved_mm[column == along - 1, 0] = 0.0
     inner = row == 0
-    moved_mm[inner] = MOVED_MM * node_mm[inner] / INNER_MM
+    moved_mm[inner] = INNER_DISPLACEMENT_MM * node_mm[inner] / INNER_MM
     moved = np.flatnonzero(~np.isnan(moved_mm).all(axis=1))
     return PlaneProblem(
         kind=kind,
@@ -492,4 +497,4 @@ def _ring_elements(number: IntArray, quadratic: bool) -> IntArray:
     if quadratic:
         corners += [number[1::2, :-1:2], number[2::2, 1::2], number[1::2, 2::2]]
         corners.append(number[:-1:2, 1::2])
-    return np.stack([each.ravel() for each in corners], -1)
+    return np.stack([corner.ravel() for corner in corners], -1)

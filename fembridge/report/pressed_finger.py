@@ -1,20 +1,20 @@
-"""Studies of a finger that a probe presses: its mesh, and what every deck assumes.
+"""Studies of a finger under a probe: mesh, contact, material law, element.
 
-`mesh`: how the stress at the afferents converges with the mesh, and to what. A family of
-meshes made in one way: every width of the `paper` finger's resolution times a factor, every
-number of rows divided by it. `quick` is no member: it is finest where the afferents are. The
-afferents' nodes are at the same point on all meshes.
+`mesh`: convergence of the stress at the afferents with the mesh, and its limit. The meshes
+form a family: every width of the `paper` finger's resolution times a factor, every number of
+rows divided by it. `quick` is no member: it is finest near the afferents. The afferents'
+nodes are at the same points on all meshes.
 
-`contact_models`: down to 250 µm and up again over the same depths, on the `quick` finger. Closure
-is what `fembridge.response.indentation` judges every response by: the largest difference
-between unloading and loading at the same depth, in percent of the stress there.
+`contact_models`: indentation to 250 µm and back over the same depths, on the `quick` finger.
+Closure is the criterion of `fembridge.response.indentation` for every response: the largest
+difference between unloading and loading at the same depth, in percent of the stress there.
 
-`stiffness`: the stress at each afferent against the springs' stiffness K. What they give
-goes with 1/K, so a straight line in 1/K through the stiffest ends at rigid contact.
+`stiffness`: stress at each afferent against the stiffness K of the contact springs. The
+compression of the springs is proportional to 1/K, so a straight line in 1/K through the
+stiffest springs ends at rigid contact.
 
-`laws`: from which depth on the law of the materials matters. Decks take the second
-Piola–Kirchhoff stress to be linear in Green's strain, with Table 1's moduli; a neo-Hookean
-skin has the same moduli at rest.
+`laws`: depth from which the material law matters. In decks the second Piola–Kirchhoff stress is
+linear in Green's strain, with Table 1's moduli; a neo-Hookean skin has the same moduli at rest.
 
 `incompressible`: the element for a dermis with a Poisson's ratio of 0.48, on the ring of
 `fembridge.report.plane` and on the finger.
@@ -56,14 +56,14 @@ from fembridge.stimulus import Stimulus
 from fembridge.tables import AFFERENTS
 from fembridge.typing import FloatArray
 
-# Von Mises stress of SA, RA, PC at 200 um on an endless mesh: the study `mesh`, whole run,
-# with CalculiX 2.20.
+# Von Mises stress of SA, RA, PC at 200 um on an infinitely fine mesh: result of a full run of
+# study `mesh` with CalculiX 2.20.
 LIMIT_KPA = np.array([31.43, 19.24, 1.018])
-# Meshes. The `paper` finger itself, 1, comes with them.
+# Factors of the family of meshes; the `paper` finger itself (factor 1) is added.
 FACTORS, FACTORS_QUICK = (3.4, 2.6, 1.8, 1.5, 1.2, 0.8, 0.66), (3.4, 1.5)
-# Stress at a node is read from elements of first order beside it.
+# Orders of the fits: a node's stress comes from adjacent elements of first order.
 ORDERS = (1.0, 2.0)
-# Coarser meshes do not follow a power law yet.
+# Coarser meshes do not follow a power law.
 FITTED_ELEMENTS = 8000
 # The mesh is cut in three within these distances of the first touch, in turn.
 _REFINED_MM = (0.2, 0.1)
@@ -77,9 +77,10 @@ NODE, SURFACE = "node-to-surface", "surface-to-surface"
 STIFFNESS = (25.0, 50.0, 100.0, 200.0, 400.0, 800.0, 1600.0)
 STIFFNESS_QUICK = (50.0, 100.0, 200.0, 400.0)
 
-_CONTACT_STEPS, _CONTACT_STEPS_QUICK, _BACK_EVERY = 10, 6, 2
+_CONTACT_STEPS, _CONTACT_STEPS_QUICK, _UNLOADING_STRIDE = 10, 6, 2
 _STICK_SHARE = 0.1
-_MODELS = (
+_ACCEPTED = "accepted"
+_CONTACTS = (
     ("CPE4", Contact(NODE, 20.0)),
     ("CPE4", Contact(NODE, 200.0)),
     ("CPE4", Contact(NODE, 200.0, friction=0.0)),
@@ -94,15 +95,15 @@ _MODELS = (
     ("CPE8R", Contact(NODE, 200.0)),
     ("CPE8R", Contact(SURFACE, 200.0)),
 )
-_MODELS_QUICK = (*_MODELS[1:3], *_MODELS[4:5], *_MODELS[7:8])
+_CONTACTS_QUICK = (*_CONTACTS[1:3], *_CONTACTS[4:5], *_CONTACTS[7:8])
 _STIFFNESS_BOUND_PERCENT = 3.0
 _LAW_DEPTH_UM, _LAW_STEPS, _LAW_STEPS_QUICK = 400.0, 16, 8
 _LAW_TABLED_UM = (50.0, 100.0, 200.0, 300.0, 400.0)
 _LAW_BOUND_PERCENT = 0.5
-MUCH_PERCENT = 5.0
-# Elements: on the finger `quick`, and on a member of the family of meshes.
+LARGE_PERCENT = 5.0
+# Meshes of study `incompressible`: the finger `quick` (None), and a member of the family.
 _FACTORS, _FACTORS_QUICK = (None, 1.5), (None,)
-# In the dermis, under the tip of a papilla: no afferent, a place that shows locking.
+# Additional site in the dermis under the tip of a papilla, where locking shows.
 _SITES = {"DERMIS": AfferentSite("dermis", 0.125, 0.71)}
 _ELEMENT_STEPS = 5
 
@@ -125,15 +126,18 @@ def member(factor: float) -> Finger:
 
 
 def mesh(runs: Runs) -> Finding:
-    """Press into each mesh, extrapolate, and judge both presets."""
-    family = [_pressed(runs, member(each)) for each in (FACTORS_QUICK if runs.quick else FACTORS)]
-    presets = {"quick": _pressed(runs, QUICK), "paper": _pressed(runs, PAPER)}
+    """Stress on each mesh, its extrapolated limits, and the errors of both presets."""
+    family = [
+        _press_mesh(runs, member(indented))
+        for indented in (FACTORS_QUICK if runs.quick else FACTORS)
+    ]
+    presets = {"quick": _press_mesh(runs, QUICK), "paper": _press_mesh(runs, PAPER)}
     quick, paper = presets.values()
-    meshes = sorted([*family, paper], key=lambda each: each.elements)
+    meshes = sorted([*family, paper], key=lambda indented: indented.elements)
     limits = _limits([] if runs.quick else [m for m in meshes if m.elements > FITTED_ELEMENTS])
-    for name, each in presets.items():
-        limits[f"{name}_percent"] = _off_percent(each, limits)
-    names = ["`quick`", *("`paper`" if each is paper else "family" for each in meshes)]
+    for name, indented in presets.items():
+        limits[f"{name}_percent"] = _difference_percent(indented, limits)
+    names = ["`quick`", *("`paper`" if indented is paper else "family" for indented in meshes)]
     table = _table([quick, *meshes])
     table.insert(0, "mesh", names)
     contact = _table([quick, *_refined(runs)]).drop(columns="cpu_s")
@@ -141,7 +145,7 @@ def mesh(runs: Runs) -> Finding:
     return Finding(
         checks=tuple(
             Check(
-                f"`{name}`: stress furthest from the limit",
+                f"`{name}`: largest deviation of stress from the limit",
                 float(limits[f"{name}_percent"].abs().max()),
                 bound_percent,
                 "%",
@@ -157,30 +161,31 @@ def mesh(runs: Runs) -> Finding:
     )
 
 
-def _pressed(runs: Runs, finger: Finger) -> Indented:
+def _press_mesh(runs: Runs, finger: Finger) -> Indented:
     model = model_of(finger)
     for name, site in finger.afferents.items():
         x_mm, y_mm = model.mesh.node_mm[model.mesh.node_at(site)].tolist()
         if math.hypot(x_mm - site.x_mm, y_mm + site.depth_mm) > _SAME_MM:
             raise FingerError(
                 f"{finger.name}: {name} is at ({x_mm:g}, {y_mm:g}) mm, expected "
-                f"({site.x_mm:g}, {-site.depth_mm:g}) as on the other meshes"
+                f"({site.x_mm:g}, {-site.depth_mm:g}) mm as on the other meshes"
             )
-    runs.log(f"mesh: {finger.name}, {len(model.mesh.quad)} elements")
+    runs.log(f"mesh: solving {len(model.mesh.quad)} elements of {finger.name}")
     return indent(runs, f"mesh/{finger.name}", model)
 
 
 def _limits(fitted: Sequence[Indented]) -> DataFrame:
-    """Limits that the `fitted` meshes tend to, by afferent; with none, those of a whole run.
+    """Limits of the `fitted` meshes by afferent; without meshes, the limits of a full run.
 
-    A limit is between the fits of both orders; order and index are of the last three meshes.
+    A limit is the mean of the fits of both orders; order and index are those of the last three
+    meshes.
     """
     columns = ["limit_kpa", "fits_differ_percent", "order", "index_percent"]
     if not fitted:
         rows = [(kpa, 0.0, math.nan, math.nan) for kpa in LIMIT_KPA.tolist()]
         return DataFrame(rows, index=list(AFFERENTS), columns=columns)
-    width = np.array([each.elements**-0.5 for each in fitted])
-    stress_kpa = np.array([each.last_pa for each in fitted]) / 1000
+    width = np.array([indented.elements**-0.5 for indented in fitted])
+    stress_kpa = np.array([indented.last_pa for indented in fitted]) / 1000
     first, second = (np.polyfit(width**order, stress_kpa, 1)[1] for order in ORDERS)
     limit_kpa = 0.5 * (first + second)
     differ_percent = 100 * np.abs(second - first) / limit_kpa / 2
@@ -189,33 +194,33 @@ def _limits(fitted: Sequence[Indented]) -> DataFrame:
     return DataFrame(dict(zip(columns, values, strict=True)), index=list(AFFERENTS))
 
 
-def _off_percent(mesh: Indented, limits: DataFrame) -> FloatArray:
-    """Difference of the stress ``(afferent,)`` from its limit."""
-    off: FloatArray = 100 * (mesh.last_pa / 1000 / limits.limit_kpa.to_numpy() - 1)
-    return off
+def _difference_percent(indented: Indented, limits: DataFrame) -> FloatArray:
+    """Difference of the stress ``(afferent,)`` from its limit, in percent."""
+    difference: FloatArray = 100 * (indented.last_pa / 1000 / limits.limit_kpa.to_numpy() - 1)
+    return difference
 
 
 def _refined(runs: Runs) -> list[Indented]:
-    """Press into `quick` with elements a third, then a ninth as wide at the contact."""
+    """Indentations of `quick` with elements a third and a ninth as wide at the contact."""
     base = model_of(QUICK)
-    finer, found = base.mesh, []
+    finer, results = base.mesh, []
     for number, radius_mm in enumerate(_REFINED_MM, start=1):
         finer = refined(finer, (0.0, 0.0), radius_mm)
-        runs.log(f"mesh: quick, {len(finer.quad)} elements")
-        found.append(indent(runs, f"mesh/quick_refined_{number}", Model(base.finger, finer)))
-    return found
+        runs.log(f"mesh: solving {len(finer.quad)} elements of quick")
+        results.append(indent(runs, f"mesh/quick_refined_{number}", Model(base.finger, finer)))
+    return results
 
 
 def _table(meshes: Sequence[Indented]) -> DataFrame:
     rows = [
         (
-            each.elements,
-            *(each.last_pa / 1000).tolist(),
-            1000 * float(each.force_n_per_mm[-1]),
-            each.touching,
-            each.cost.cpu_s,
+            indented.elements,
+            *(indented.last_pa / 1000).tolist(),
+            1000 * float(indented.force_n_per_mm[-1]),
+            indented.touching,
+            indented.cost.cpu_s,
         )
-        for each in meshes
+        for indented in meshes
     ]
     return DataFrame(rows, columns=["elements", *AFFERENTS, "force", "touching", "cpu_s"])
 
@@ -223,80 +228,88 @@ def _table(meshes: Sequence[Indented]) -> DataFrame:
 def _meshes_figure(
     meshes: list[Indented], presets: dict[str, Indented], limits: DataFrame
 ) -> Figure:
-    elements = [each.elements for each in meshes]
-    off_percent = np.array([_off_percent(each, limits) for each in meshes]).T
+    elements = [indented.elements for indented in meshes]
+    off_percent = np.array([_difference_percent(indented, limits) for indented in meshes]).T
     figure, all_panels = panels(len(limits))
     for column, (panel, name) in enumerate(zip(all_panels, AFFERENTS, strict=True)):
         panel.plot(elements[:: len(elements) - 1], [0, 0], label="limit", **exact(dashed=True))
         panel.plot(elements, off_percent[column], label=name, **line(1, name=name))
-        for row, (preset, each) in enumerate(presets.items(), start=2):
-            off = [_off_percent(each, limits)[column]]
-            panel.plot([each.elements], off, label=preset, **line(row, mark="dots"))
+        for row, (preset, indented) in enumerate(presets.items(), start=2):
+            off = [_difference_percent(indented, limits)[column]]
+            panel.plot([indented.elements], off, label=preset, **line(row, mark="dots"))
         y = "" if column else "stress above the limit (%)"
         finish(panel, "elements", y, title=name, log="x")
     return figure
 
 
 def contact_models(runs: Runs) -> Finding:
-    """Try each contact model on the way down and back."""
+    """Closure, cost and stress of each contact model on loading and unloading."""
     steps = _CONTACT_STEPS_QUICK if runs.quick else _CONTACT_STEPS
     down_um = np.round(np.linspace(0.0, DEEPEST_UM, steps + 1), 3)
-    up_um = down_um[steps - _BACK_EVERY : 0 : -_BACK_EVERY]
+    up_um = down_um[steps - _UNLOADING_STRIDE : 0 : -_UNLOADING_STRIDE]
     stimulus = through(np.concatenate([down_um, up_um]), "there_and_back")
-    models = _MODELS_QUICK if runs.quick else _MODELS
-    rows, found = [], {}
+    models = _CONTACTS_QUICK if runs.quick else _CONTACTS
+    rows, results = [], {}
     for element, contact in models:
-        runs.log(f"contact: {element}, {contact}")
+        runs.log(f"contact: solving {element}, {contact}")
         model = replace(model_of(QUICK), element=element, contact=contact, support="prescribed")
-        row, indented = _try(runs, model, stimulus)
+        row, indented = _press_with_contact(runs, model, stimulus)
         rows.append(row)
         if indented is not None:
-            found[element, contact] = indented
+            results[element, contact] = indented
     table = DataFrame(rows)
+    formulations = np.array([contact.formulation for _, contact in models])
+    accepted = table.verdict[formulations == NODE] == _ACCEPTED
     default = table.iloc[models.index(("CPE4", LADDER[0]))]
-    off_percent = table.closure[table.contact.str.startswith(SURFACE)].dropna().tolist()
+    surface_percent = table.closure[formulations == SURFACE].dropna().tolist()
     numbers: dict[str, Any] = {
-        "down": steps,
-        "back": steps // _BACK_EVERY - 1,
+        "loading_steps": steps,
+        "unloading_steps": steps // _UNLOADING_STRIDE - 1,
         "iterations": int(default.iterations),
-        "surface_percent": [min(off_percent), max(off_percent)] if off_percent else [],
+        "node_to_surface": len(accepted),
+        "node_to_surface_accepted": int(accepted.sum()),
+        "surface_percent": [min(surface_percent), max(surface_percent)] if surface_percent else [],
         "unsolved": [
             f"{element}, {contact}"
             for element, contact in models
-            if contact.formulation == NODE and (element, contact) not in found
+            if contact.formulation == NODE and (element, contact) not in results
         ],
     }
-    rubbing, smooth = (found.get(("CPE4", Contact(NODE, 200.0, friction=f))) for f in (0.4, 0.0))
-    if rubbing is not None and smooth is not None:  # how much friction changes the stress
-        share = smooth.stress_pa[steps] / rubbing.stress_pa[steps]
+    with_friction, frictionless = (
+        results.get(("CPE4", Contact(NODE, 200.0, friction=f))) for f in (0.4, 0.0)
+    )
+    if with_friction is not None and frictionless is not None:
+        share = frictionless.stress_pa[steps] / with_friction.stress_pa[steps]
         numbers["friction_percent"] = 100 * float(np.abs(share - 1).max())
-    what = f"closure of the default, {LADDER[0]}"
+    check_name = f"closure of the default, {LADDER[0]}"
     return Finding(
-        checks=(Check(what, float(default.closure), CLOSURE_PERCENT, "%"),),
+        checks=(Check(check_name, float(default.closure), CLOSURE_PERCENT, "%"),),
         tables={"contact": table},
         numbers=numbers,
-        figure=_models_figure(found, steps),
+        figure=_contacts_figure(results, steps),
     )
 
 
-def _try(runs: Runs, model: Model, stimulus: Stimulus) -> tuple[dict[str, Any], Indented | None]:
-    """Row of the table; without a result where the model did not converge."""
+def _press_with_contact(
+    runs: Runs, model: Model, stimulus: Stimulus
+) -> tuple[dict[str, Any], Indented | None]:
+    """Row of the table, and the indentation; None if the model did not converge."""
     contact = model.contact
     name = (
         f"contact/{model.element}_{contact.formulation}_{contact.stiffness_mpa_per_mm:g}"
         f"_{contact.friction:g}_{contact.stick_share:g}"
     )
     attempt = runs.attempt(name, model, stimulus)
-    found, closure_percent, peak_pa = None, math.nan, np.full(len(AFFERENTS), np.nan)
+    indented, closure_percent, peak_pa = None, math.nan, np.full(len(AFFERENTS), np.nan)
     if attempt.failure is not None:
         verdict = attempt.failure.cause.value
     else:
-        found = read_indented(attempt, model, stimulus)
-        peak_pa = found.stress_pa[found.depth_um.argmax()]
+        indented = read_indented(attempt, model, stimulus)
+        peak_pa = indented.stress_pa[indented.depth_um.argmax()]
         closure_percent, refusal = judge(
-            found.depth_um, found.stress_pa, found.force_n_per_mm, found.apex_um
+            indented.depth_um, indented.stress_pa, indented.force_n_per_mm, indented.apex_um
         )
-        verdict = "accepted" if refusal is None else "does not come back"
+        verdict = _ACCEPTED if refusal is None else "path-dependent"
     stick = f", stick {contact.stick_share:g}" if contact.stick_share != _STICK_SHARE else ""
     return {
         "element": model.element,
@@ -308,49 +321,54 @@ def _try(runs: Runs, model: Model, stimulus: Stimulus) -> tuple[dict[str, Any], 
         "cpu_s": attempt.cost.cpu_s,
         **dict(zip(AFFERENTS, (peak_pa / 1000).tolist(), strict=True)),
         "verdict": verdict,
-    }, found
+    }, indented
 
 
-def _models_figure(found: dict[tuple[str, Contact], Indented], steps: int) -> Figure:
-    """SA's stress on the way back against that on the way in, at the same depth."""
-    figure, both = panels(2)
-    for panel, formulation in zip(both, (NODE, SURFACE), strict=True):
-        shown = [
-            (contact.stiffness_mpa_per_mm, each)
-            for (element, contact), each in found.items()
+def _contacts_figure(results: dict[tuple[str, Contact], Indented], steps: int) -> Figure:
+    """SA's stress on unloading relative to loading at the same depth."""
+    figure, both_panels = panels(2)
+    for panel, formulation in zip(both_panels, (NODE, SURFACE), strict=True):
+        series = [
+            (contact.stiffness_mpa_per_mm, indented)
+            for (element, contact), indented in results.items()
             if (element, contact) == ("CPE4", Contact(formulation, contact.stiffness_mpa_per_mm))
         ]
-        for row, (stiffness_mpa_per_mm, each) in enumerate(shown):
-            back_um, back_pa = each.depth_um[steps + 1 :], each.stress_pa[steps + 1 :, 0]
-            same = np.abs(back_um[:, None] - each.depth_um[:steps]).argmin(axis=1)
-            off_percent = 100 * (back_pa / each.stress_pa[same, 0] - 1)
+        for row, (stiffness_mpa_per_mm, indented) in enumerate(series):
+            unloading_um, unloading_pa = (
+                indented.depth_um[steps + 1 :],
+                indented.stress_pa[steps + 1 :, 0],
+            )
+            loading_row = np.abs(unloading_um[:, None] - indented.depth_um[:steps]).argmin(axis=1)
+            off_percent = 100 * (unloading_pa / indented.stress_pa[loading_row, 0] - 1)
             label = f"{stiffness_mpa_per_mm:g} MPa/mm"
-            panel.plot(back_um, off_percent, label=label, **line(row))
+            panel.plot(unloading_um, off_percent, label=label, **line(row))
         y = "SA, unloading / loading − 1 (%)" if formulation == NODE else ""
         finish(panel, "depth (µm)", y, title=formulation)
     return figure
 
 
 def stiffness(runs: Runs) -> Finding:
-    """Press with springs of each stiffness and extrapolate to rigid contact."""
+    """Stress with springs of each stiffness, and its limit for rigid contact."""
     springs = np.array(STIFFNESS_QUICK if runs.quick else STIFFNESS)
-    found = []
-    for one in springs.tolist():
-        runs.log(f"penalty: {one:g} MPa/mm")
-        model = replace(model_of(QUICK), contact=Contact(stiffness_mpa_per_mm=one))
-        found.append(indent(runs, f"penalty/{one:g}", model))
-    stress_pa = np.array([each.last_pa for each in found])
+    results = []
+    for stiffness_mpa_per_mm in springs.tolist():
+        runs.log(f"penalty: solving {stiffness_mpa_per_mm:g} MPa/mm")
+        model = replace(model_of(QUICK), contact=Contact(stiffness_mpa_per_mm=stiffness_mpa_per_mm))
+        results.append(indent(runs, f"penalty/{stiffness_mpa_per_mm:g}", model))
+    stress_pa = np.array([indented.last_pa for indented in results])
     slope, rigid_pa = np.polyfit(1 / springs[-3:], stress_pa[-3:], 1)
     off_percent = 100 * (stress_pa / rigid_pa - 1)
     default = float(LADDER[0].stiffness_mpa_per_mm)
     at_default = off_percent[springs == default][0]
-    # The last row is the limit, which is no spring.
+    # The last row is the limit for rigid contact.
     table = DataFrame({"stiffness": [*springs, "limit"]}, dtype=object)
     table[list(AFFERENTS)] = np.vstack([stress_pa, rigid_pa]) / 1000
     table[[f"{name}_percent" for name in AFFERENTS]] = np.vstack([off_percent, 0 * rigid_pa])
-    behind = [100 * (1 - float(each.apex_um[-1]) / DEPTH_UM) for each in found]
-    table["behind_percent"] = [*behind, 0.0]
-    iterations: list[Any] = [*(each.cost.iterations for each in found), "–"]
+    compression_percent = [
+        100 * (1 - float(indented.apex_um[-1]) / DEPTH_UM) for indented in results
+    ]
+    table["behind_percent"] = [*compression_percent, 0.0]
+    iterations: list[Any] = [*(indented.cost.iterations for indented in results), "–"]
     table["iterations"] = iterations
     figure, [panel] = panels(1)
     for row, name in enumerate(AFFERENTS):
@@ -360,9 +378,9 @@ def stiffness(runs: Runs) -> Finding:
         panel.plot([0, 1 / springs[0]], [0, softest], **line(row, name=name, mark="dashed"))
     finish(panel, "1 / K (mm/MPa)", "stress / limit − 1 (%)")
     worst = float(np.abs(at_default).max())
-    what = f"{default:g} MPa/mm: stress furthest from rigid contact"
+    check_name = f"{default:g} MPa/mm: largest deviation of stress from rigid contact"
     return Finding(
-        checks=(Check(what, worst, _STIFFNESS_BOUND_PERCENT, "%"),),
+        checks=(Check(check_name, worst, _STIFFNESS_BOUND_PERCENT, "%"),),
         tables={"penalty": table},
         numbers={
             "default": default,
@@ -373,20 +391,20 @@ def stiffness(runs: Runs) -> Finding:
 
 
 def laws(runs: Runs) -> Finding:
-    """Press with both laws."""
+    """Stress with both material laws."""
     model = model_of(QUICK)
     stimulus = down(_LAW_DEPTH_UM, _LAW_STEPS_QUICK if runs.quick else _LAW_STEPS)
-    found = {}
+    results = {}
     for law in LAWS:
-        runs.log(f"laws: {law}")
-        found[law] = indent(runs, f"laws/{law}", model, stimulus, law=law)
-    linear, other = found.values()
+        runs.log(f"laws: solving the {law} law")
+        results[law] = indent(runs, f"laws/{law}", model, stimulus, law=law)
+    linear, neo_hookean = results.values()
     depth_um = linear.depth_um[1:]
-    off = 100 * (other.stress_pa[1:] / linear.stress_pa[1:] - 1)
-    force_off = 100 * (other.force_n_per_mm[1:] / linear.force_n_per_mm[1:] - 1)
+    off = 100 * (neo_hookean.stress_pa[1:] / linear.stress_pa[1:] - 1)
+    force_off = 100 * (neo_hookean.force_n_per_mm[1:] / linear.force_n_per_mm[1:] - 1)
     at_rest = off[0] - (off[1] - off[0]) / (depth_um[1] - depth_um[0]) * depth_um[0]
-    rows = [int(np.abs(depth_um - one).argmin()) for one in _LAW_TABLED_UM]
-    much = (np.abs(off) > MUCH_PERCENT).T
+    rows = [int(np.abs(depth_um - tabled_um).argmin()) for tabled_um in _LAW_TABLED_UM]
+    much = (np.abs(off) > LARGE_PERCENT).T
     table = DataFrame({"depth_um": depth_um[rows]})
     table[list(AFFERENTS)] = linear.stress_pa[1:][rows] / 1000
     table[[f"{name}_percent" for name in AFFERENTS]] = off[rows]
@@ -403,10 +421,10 @@ def laws(runs: Runs) -> Finding:
         ),
         tables={"laws": table},
         numbers={
-            "much_from_um": {
-                name: float(depth_um[over.argmax()])
-                for name, over in zip(AFFERENTS, much, strict=True)
-                if over.any()
+            "large_difference_from_um": {
+                name: float(depth_um[is_above.argmax()])
+                for name, is_above in zip(AFFERENTS, much, strict=True)
+                if is_above.any()
             }
         },
         figure=figure,
@@ -414,26 +432,26 @@ def laws(runs: Runs) -> Finding:
 
 
 def incompressible(runs: Runs) -> Finding:
-    """Solve the ring and the finger with each element."""
-    found = plane.ring(runs)
-    return replace(found, tables={**found.tables, "finger_elements": _elements(runs)})
+    """Errors of the ring, and stress in the finger, with each element."""
+    finding = plane.ring(runs)
+    return replace(finding, tables={**finding.tables, "finger_elements": _elements(runs)})
 
 
 def _elements(runs: Runs) -> DataFrame:
-    """Stress in kPa after pressing into each mesh with each element, and what it cost."""
+    """Stress in kPa and processor time, with each mesh and element."""
     rows = []
     for factor in _FACTORS_QUICK if runs.quick else _FACTORS:
         base = model_of(QUICK if factor is None else member(factor))
         finger = replace(base.finger, afferents={**base.finger.afferents, **_SITES})
         count = len(base.mesh.quad)
         for element in plane.RING_ELEMENTS:
-            runs.log(f"incompressible: {count} elements, {element}")
+            runs.log(f"incompressible: solving {count} elements, {element}")
             model = Model(finger, base.mesh, element=element)
             name = f"incompressible/{finger.name}_{element}"
-            each = indent(runs, name, model, down(steps=_ELEMENT_STEPS))
-            off_percent = each.last_pa[:-1] / 10 / LIMIT_KPA - 100
-            kpa = (each.last_pa / 1000).tolist()
-            rows.append((count, element, *kpa, *off_percent.tolist(), each.cost.cpu_s))
+            indented = indent(runs, name, model, down(steps=_ELEMENT_STEPS))
+            difference_percent = indented.last_pa[:-1] / 10 / LIMIT_KPA - 100
+            kpa = (indented.last_pa / 1000).tolist()
+            rows.append((count, element, *kpa, *difference_percent.tolist(), indented.cost.cpu_s))
     return DataFrame(
         rows,
         columns=[

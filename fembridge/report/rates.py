@@ -1,9 +1,9 @@
-"""Rates of the paper's 82 stimuli from several sources, and what follows from them.
+"""Rates of the paper's 82 stimuli from several sources, and the tables computed from them.
 
-The stimuli come as the paper's figures show them: families, and a panel a set. A set is
-all levels at the same frequencies (``sine_20``, ``noise_25_250``). Its level is the
-amplitude of a sinusoid, that of a diharmonic's first component, or the root mean square
-of a noise.
+Stimuli are grouped as in the paper's figures: a family per figure, a set per panel. A set has
+all levels at the same frequencies (``sine_20``, ``noise_25_250``). The level is the amplitude
+of a sinusoid, the amplitude of a diharmonic's first component, or the root mean square of a
+noise.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 OBSERVED = "observed"
 TOUCHSIM = "TouchSim"
-# The parameters of the whole fingertip under a pin on the pad, beside whatever is judged.
+# Source name of the whole-fingertip parameters under a pin on the pad; shown on every page.
 FINGERTIP = "fingertip"
 EVERY_SET = "all"
 STIMULI = tuple(entry.id for entry in CATALOGUE)
@@ -40,14 +40,14 @@ PAPER_R_SQUARED = 0.8
 PAPER_P_VALUE = 0.05
 # This project's own goal, with an RMSE below TouchSim's.
 GOAL_R_SQUARED = 0.9
-# And the RMSE of frequencies that a fit did not see.
+# Goal for the RMSE of frequencies that were left out of a fit.
 HELD_OUT_GOAL_IPS = {"SA": 3.0, "RA": 8.0, "PC": 15.0}
 
 NUMBERS = ("count", "slope", "intercept_ips", "r_squared", "p_value", "rmse_ips", "bias_ips")
 
 
 class StimulusSet:
-    """All levels at the same frequencies, the weakest first; `title` is its band."""
+    """All levels at the same frequencies, the weakest first; `title` names the frequencies."""
 
     def __init__(self, name: str, entries: Iterable[Entry]) -> None:
         self.name, self.entries = name, tuple(entries)
@@ -62,13 +62,13 @@ class StimulusSet:
 
 
 class Family:
-    """Sets of one kind of stimulus, and the words that name them on a page."""
+    """Sets of one kind of stimulus, with the titles used on a page."""
 
     def __init__(self, name: str, title: str, figure: str, table: str) -> None:
         self.name, self.title, self.figure, self.table = name, title, figure, table
-        mine = (entry for entry in CATALOGUE if entry.family == name)
-        self.sets = tuple(StimulusSet(*each) for each in groupby(mine, set_name))
-        self.stimuli = tuple(id_ for one in self.sets for id_ in one.stimuli)
+        entries = (entry for entry in CATALOGUE if entry.family == name)
+        self.sets = tuple(StimulusSet(*group) for group in groupby(entries, set_name))
+        self.stimuli = tuple(id_ for group in self.sets for id_ in group.stimuli)
 
 
 FAMILIES = (
@@ -80,10 +80,10 @@ SINES = FAMILIES[0]
 
 
 class RateTable:
-    """Rates of several sources; those of other than the paper's 82 stimuli are left out.
+    """Rates of several sources for the paper's 82 stimuli; other stimuli are left out.
 
-    `sources` are in the order in which a page shows them, one without any rate counts; `frame`
-    is a long table ``source, stimulus, afferent, rate_ips, family, set, level_um``.
+    `sources` are in page order and include those without rates; `frame` is a long table
+    ``source, stimulus, afferent, rate_ips, family, set, level_um``.
     """
 
     def __init__(self, sources: Mapping[str, Iterable[Rate]]) -> None:
@@ -96,48 +96,48 @@ class RateTable:
             for rate in rates
         }
         rows = [
-            (source, entry.id, afferent, rate_ips, family.name, one.name, entry.level_um)
+            (source, entry.id, afferent, rate_ips, family.name, group.name, entry.level_um)
             for source, family in product(sources, FAMILIES)
-            for one in family.sets
-            for entry, afferent in product(one.entries, AFFERENTS)
+            for group in family.sets
+            for entry, afferent in product(group.entries, AFFERENTS)
             if (rate_ips := self._rates_ips.get((source, afferent, entry.id))) is not None
         ]
         columns = ["source", "stimulus", "afferent", "rate_ips", "family", "set", "level_um"]
         self.frame = DataFrame(rows, columns=columns)
 
-    def of(self, source: str, afferent: str, stimuli: Sequence[str]) -> FloatArray:
-        """Rates ``(S,)`` of a source and class under `stimuli`, NaN where none is."""
-        mine = (self._rates_ips.get((source, afferent, one), np.nan) for one in stimuli)
-        return np.fromiter(mine, dtype=np.float64)
+    def rates_ips(self, source: str, afferent: str, stimuli: Sequence[str]) -> FloatArray:
+        """Rates ``(S,)`` of a source and class under `stimuli`, NaN where a rate is missing."""
+        values_ips = (self._rates_ips.get((source, afferent, id_), np.nan) for id_ in stimuli)
+        return np.fromiter(values_ips, dtype=np.float64)
 
-    def known(self, stimuli: Sequence[str]) -> tuple[str, ...]:
-        """Sources that have a rate under at least one of `stimuli`."""
-        there = set(self.frame.source[self.frame.stimulus.isin(stimuli)])
-        return tuple(source for source in self.sources if source in there)
+    def sources_with_rates(self, stimuli: Sequence[str]) -> tuple[str, ...]:
+        """Sources with a rate under at least one of `stimuli`."""
+        available = set(self.frame.source[self.frame.stimulus.isin(stimuli)])
+        return tuple(source for source in self.sources if source in available)
 
-    def compared(self, reference: str) -> tuple[str, ...]:
-        """Models of the same response, and TouchSim, but for the `reference` itself."""
-        apart = (OBSERVED, FINGERTIP, reference)
-        return tuple(source for source in self.sources if source not in apart)
+    def compared_with(self, reference: str) -> tuple[str, ...]:
+        """Models on the judged response, and TouchSim, without `reference` itself."""
+        excluded = (OBSERVED, FINGERTIP, reference)
+        return tuple(source for source in self.sources if source not in excluded)
 
     def reference(self, stimuli: Sequence[str] = STIMULI) -> str:
-        """What models are compared with: observed rates, or else TouchSim's."""
-        return OBSERVED if OBSERVED in self.known(stimuli) else TOUCHSIM
+        """Reference source under `stimuli`: observed rates if available, otherwise TouchSim."""
+        return OBSERVED if OBSERVED in self.sources_with_rates(stimuli) else TOUCHSIM
 
     def largest_ips(self, afferent: str, stimuli: Sequence[str]) -> float:
         """Largest rate of a class under `stimuli` from any source."""
-        mine = (self.frame.afferent == afferent) & self.frame.stimulus.isin(stimuli)
-        return float(self.frame.rate_ips[mine].max())
+        selected = (self.frame.afferent == afferent) & self.frame.stimulus.isin(stimuli)
+        return float(self.frame.rate_ips[selected].max())
 
 
 def agreement_table(rates: RateTable) -> "DataFrame":
-    """Every computed source against observed rates, if any, and TouchSim's, cell by cell.
+    """Agreement of every computed source with observed rates, if any, and with TouchSim's.
 
-    A row for each ``reference, source, family, set, afferent``, which are the index as well;
-    `set` is one of the family's, or ``all``. Where the two have no stimulus in common, the count
-    is 0 and the other numbers NaN. Observed rates are predicted by nobody.
-    ``meets_paper``: R² and p are what the paper reports; ``meets_goal``: R² is
-    `GOAL_R_SQUARED` or more, and RMSE below TouchSim's; None without observed rates.
+    One row per ``reference, source, family, set, afferent``, which are also the index; `set` is
+    a set of the family or ``all``. Without a common stimulus the count is 0 and the other
+    numbers are NaN. Observed rates are only a reference, never a source.
+    ``meets_paper``: R² and p reach the values that the paper reports; ``meets_goal``: R² is
+    at least `GOAL_R_SQUARED` and RMSE is below TouchSim's; both None without observed rates.
     """
     from pandas import DataFrame
 
@@ -146,103 +146,118 @@ def agreement_table(rates: RateTable) -> "DataFrame":
         if reference not in rates.sources or source in (reference, OBSERVED):
             continue
         for family in FAMILIES:
-            sets = {one.name: one.stimuli for one in family.sets} | {EVERY_SET: family.stimuli}
+            sets = {group.name: group.stimuli for group in family.sets}
+            sets[EVERY_SET] = family.stimuli
             for (name, stimuli), afferent in product(sets.items(), AFFERENTS):
-                target = rates.of(reference, afferent, stimuli)
-                predicted = rates.of(source, afferent, stimuli)
+                target = rates.rates_ips(reference, afferent, stimuli)
+                predicted = rates.rates_ips(source, afferent, stimuli)
                 both = np.isfinite(target) & np.isfinite(predicted)
                 numbers: dict[str, float] = {"count": 0}
                 if both.any():
                     numbers = agreement(target[both], predicted[both]).to_row()
-                found = (numbers.get(number, np.nan) for number in NUMBERS)
-                rows.append((reference, source, family.name, name, afferent, *found))
+                values = (numbers.get(number, np.nan) for number in NUMBERS)
+                rows.append((reference, source, family.name, name, afferent, *values))
     keys = ["reference", "source", "family", "set", "afferent"]
     table = DataFrame(rows, columns=[*keys, *NUMBERS]).set_index(keys, drop=False)
-    known = (table.reference == OBSERVED) & (table["count"] > 0)
-    of_touchsim = table.rmse_ips[table.source == TOUCHSIM].droplevel("source")
+    observed = (table.reference == OBSERVED) & (table["count"] > 0)
+    touchsim_rmse_ips = table.rmse_ips[table.source == TOUCHSIM].droplevel("source")
     index: Any = table.index
-    theirs_ips = of_touchsim.reindex(index.droplevel("source")).to_numpy()
+    touchsim_ips = touchsim_rmse_ips.reindex(index.droplevel("source")).to_numpy()
     paper = (table.r_squared > PAPER_R_SQUARED) & (table.p_value < PAPER_P_VALUE)
-    goal = (table.r_squared >= GOAL_R_SQUARED) & (table.rmse_ips < theirs_ips)
+    goal = (table.r_squared >= GOAL_R_SQUARED) & (table.rmse_ips < touchsim_ips)
     return table.assign(
-        meets_paper=paper.astype(object).where(known, None),
-        meets_goal=goal.astype(object).where(known & np.isfinite(theirs_ips), None),
+        meets_paper=paper.astype(object).where(observed, None),
+        meets_goal=goal.astype(object).where(observed & np.isfinite(touchsim_ips), None),
     )
 
 
 def held_out_table(
     held_out: Mapping[str, Mapping[str, Any]], rates: RateTable, judged: str
 ) -> "DataFrame":
-    """Errors of sinusoids whose frequency a fit did not see, beside the model that saw all.
+    """Errors at frequencies that were left out of a fit, and errors of the complete fit.
 
-    `held_out` is what `fembridge fit --held-out` keeps of each class: ``rmse_ips`` and
-    ``rates_ips`` by stimulus. A row ``afferent, frequency_hz, count, fitted_rmse_ips,
-    held_out_rmse_ips, held_out_bias_ips, touchsim_rmse_ips`` for each frequency, and for all
-    together, where frequency_hz is NaN. Without observed rates only the last is there, with
-    the error that the fit found.
+    Parameters
+    ----------
+    held_out
+        Results of `fembridge fit --held-out` by class: ``rmse_ips``, and ``rates_ips`` by
+        stimulus.
+    rates
+        Rates of all sources.
+    judged
+        Source name of the complete fit.
+
+    Returns
+    -------
+    DataFrame
+        One row ``afferent, frequency_hz, count, fitted_rmse_ips, held_out_rmse_ips,
+        held_out_bias_ips, touchsim_rmse_ips`` per frequency, and one for all frequencies, with
+        frequency_hz NaN. Without observed rates only the latter, with the error that the fit
+        reported.
     """
     from pandas import DataFrame
 
     rows: list[tuple[Any, ...]] = []
-    for afferent, found in held_out.items():
-        left_ips: Mapping[str, float] = found["rates_ips"]
-        if OBSERVED not in rates.known(SINES.stimuli):
-            known = (len(left_ips), np.nan, found["rmse_ips"], np.nan, np.nan)
-            rows.append((afferent, np.nan, *known))
+    for afferent, of_class in held_out.items():
+        predicted_ips: Mapping[str, float] = of_class["rates_ips"]
+        if OBSERVED not in rates.sources_with_rates(SINES.stimuli):
+            reported = (len(predicted_ips), np.nan, of_class["rmse_ips"], np.nan, np.nan)
+            rows.append((afferent, np.nan, *reported))
             continue
-        stimuli = [stimulus for stimulus in SINES.stimuli if stimulus in left_ips]
-        target = rates.of(OBSERVED, afferent, stimuli)
-        off = DataFrame(
+        stimuli = [stimulus for stimulus in SINES.stimuli if stimulus in predicted_ips]
+        target = rates.rates_ips(OBSERVED, afferent, stimuli)
+        errors_ips = DataFrame(
             {
-                "fitted": rates.of(judged, afferent, stimuli) - target,
-                "left": np.array([left_ips[stimulus] for stimulus in stimuli]) - target,
-                "touchsim": rates.of(TOUCHSIM, afferent, stimuli) - target,
+                "fitted": rates.rates_ips(judged, afferent, stimuli) - target,
+                "held_out": np.array([predicted_ips[stimulus] for stimulus in stimuli]) - target,
+                "touchsim": rates.rates_ips(TOUCHSIM, afferent, stimuli) - target,
             },
             [float(stimulus.split("_")[1]) for stimulus in stimuli],
         )[np.isfinite(target)]
-        for frequency_hz, mine in [*off.groupby(level=0), (np.nan, off)] if len(off) else ():
-            rmse_ips, bias_ips = np.sqrt((mine**2).mean()), mine["left"].mean()
-            numbers = (rmse_ips["fitted"], rmse_ips["left"], bias_ips, rmse_ips["touchsim"])
-            rows.append((afferent, frequency_hz, len(mine), *numbers))
+        groups = [*errors_ips.groupby(level=0), (np.nan, errors_ips)] if len(errors_ips) else ()
+        for frequency_hz, group in groups:
+            rmse_ips, bias_ips = np.sqrt((group**2).mean()), group["held_out"].mean()
+            numbers = (rmse_ips["fitted"], rmse_ips["held_out"], bias_ips, rmse_ips["touchsim"])
+            rows.append((afferent, frequency_hz, len(group), *numbers))
     columns = ["afferent", "frequency_hz", "count", "fitted_rmse_ips", "held_out_rmse_ips"]
     return DataFrame(rows, columns=[*columns, "held_out_bias_ips", "touchsim_rmse_ips"])
 
 
 def row_of(table: "DataFrame", *key: Any) -> "Series[Any]":  # noqa: ANN401 - labels
-    """Row of a table under its index."""
+    """Row of a table by its index."""
     rows: Any = table.loc
-    found: Series[Any] = rows[key]
-    return found
+    row: Series[Any] = rows[key]
+    return row
 
 
 def threshold_table(rates: RateTable) -> "DataFrame":
     """Thresholds and entrainment from each rate curve of a sinusoid, see `neural.threshold`.
 
-    Rates are known from `lowest_tried_um` to `highest_tried_um`. A threshold that equals
-    the lowest may be lower, one that is infinite is above the highest. Index ``source,
-    afferent, frequency_hz``.
+    Rates cover amplitudes from `lowest_tried_um` to `highest_tried_um`. A threshold equal to
+    the lowest may be lower; an infinite one is above the highest. Index ``source, afferent,
+    frequency_hz``.
     """
     from pandas import DataFrame
 
     rows = []
-    for source, afferent, one in product(rates.sources, AFFERENTS, SINES.sets):
-        rate_ips = rates.of(source, afferent, one.stimuli)
-        there = np.isfinite(rate_ips)
-        if not there.any():
+    for source, afferent, group in product(rates.sources, AFFERENTS, SINES.sets):
+        rate_ips = rates.rates_ips(source, afferent, group.stimuli)
+        finite = np.isfinite(rate_ips)
+        if not finite.any():
             continue
-        amplitude_um, rate_ips = np.array(one.level_um)[there], rate_ips[there]
-        hz = one.frequency_hz
-        plateau = entrainment_plateau(amplitude_um, rate_ips, hz)
+        amplitude_um, rate_ips = np.array(group.level_um)[finite], rate_ips[finite]
+        frequency_hz = group.frequency_hz
+        plateau = entrainment_plateau(amplitude_um, rate_ips, frequency_hz)
+        entrained_um = threshold_amplitude_um(amplitude_um, rate_ips, frequency_hz)
         rows.append(
             {
                 "source": source,
                 "afferent": afferent,
-                "frequency_hz": hz,
+                "frequency_hz": frequency_hz,
                 "criterion_ips": CRITERION_IPS,
                 "lowest_tried_um": float(amplitude_um.min()),
                 "highest_tried_um": float(amplitude_um.max()),
                 "threshold_um": threshold_amplitude_um(amplitude_um, rate_ips),
-                "entrainment_threshold_um": threshold_amplitude_um(amplitude_um, rate_ips, hz),
+                "entrainment_threshold_um": entrained_um,
                 "plateau_low_um": plateau.low_um if plateau else np.nan,
                 "plateau_high_um": plateau.high_um if plateau else np.nan,
                 "plateau_decades": plateau.decades if plateau else np.nan,
@@ -252,29 +267,29 @@ def threshold_table(rates: RateTable) -> "DataFrame":
 
 
 def locking_table(rates: RateTable, trains: Mapping[str, Iterable[SpikeTrain]]) -> "DataFrame":
-    """Impulses a cycle and vector strength of each source, class and sinusoid.
+    """Impulses per cycle and vector strength of each source, class and sinusoid.
 
-    The vector strength is the mean over the cells that fired; NaN where none did, and
-    where a source has rates only: `trains` are those of the models.
+    `trains` are the spikes of the models, by source. The vector strength is the mean over the
+    cells that fired; NaN if no cell fired, and for a source with rates only.
     """
     from pandas import DataFrame
 
-    entries = {entry.id: entry for one in SINES.sets for entry in one.entries}
-    found: dict[tuple[str, str, str], list[float]] = {}
-    for source, mine in trains.items():
-        for train in mine:
+    entries = {entry.id: entry for group in SINES.sets for entry in group.entries}
+    strengths: dict[tuple[str, str, str], list[float]] = {}
+    for source, of_source in trains.items():
+        for train in of_source:
             if (entry := entries.get(train.stimulus)) is not None:
                 start_ms, end_ms = (end + EDGE_MS for end in entry.window_ms)
                 times_ms = train.times_ms[(train.times_ms > start_ms) & (train.times_ms <= end_ms)]
                 if times_ms.size:
                     strength = vector_strength(times_ms, entry.numbers()["frequency_hz"])
-                    found.setdefault((source, train.afferent, entry.id), []).append(strength)
+                    strengths.setdefault((source, train.afferent, entry.id), []).append(strength)
     rows = [
         (*key, *entry.numbers().values(), rate_ips / entry.numbers()["frequency_hz"],
-         float(np.mean(found.get(key, [np.nan]))))
+         float(np.mean(strengths.get(key, [np.nan]))))
         for source, afferent in product(rates.sources, AFFERENTS)
         for entry, rate_ips in zip(
-            entries.values(), rates.of(source, afferent, SINES.stimuli).tolist(), strict=True
+            entries.values(), rates.rates_ips(source, afferent, SINES.stimuli).tolist(), strict=True
         )
         if not np.isnan(rate_ips) and (key := (source, afferent, entry.id))
     ]  # fmt: skip

@@ -1,11 +1,12 @@
-"""A model beside what is known of real afferents: timing, thresholds, man, distance, ramp.
+"""Models compared with recorded afferents: timing, thresholds, human units, distance, ramp.
 
-Each table is made of a table of published facts, `fembridge.evidence`, or of a user's in
-its place, and of a model under the same stimuli by the response map. The parameters of
-the whole fingertip are held to timing and thresholds too; the distance from a probe is
-theirs alone.
+Each comparison takes a table of published facts (`fembridge.evidence`), or a user's table
+instead, and a model under the same stimuli on a response map. The parameters of the whole
+fingertip are compared in timing, thresholds and, as the only ones, in the distance from a
+probe.
 """
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,6 +15,7 @@ import numpy as np
 
 from decks.stimuli import DT_MS, Ramp, Sine, resolve
 from decks.waveform import make_stimulus
+from fembridge.errors import FembridgeWarning
 from fembridge.evidence import (
     DISTANCE,
     MAN,
@@ -38,59 +40,64 @@ from neural.timing import vector_strength
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-# Within these bounds the timing of a model passes for that of a recorded unit.
-STRENGTH_APART, IMPULSES_APART = 0.25, 0.30
-# So many cells of a class are asked for the one that is most like a recorded unit.
-_UNITS = 200
+# Largest differences at which the timing of a model counts as that of a recorded unit: of
+# vector strengths, and of impulses per cycle as a share.
+STRENGTH_TOLERANCE, IMPULSES_TOLERANCE = 0.25, 0.30
+# Size of the population that is searched for the cell closest to a recorded unit.
+_CELLS = 200
 
-# From first touch 300 um deep at 3 mm/s, held for half a second, and back.
+# From first touch to 300 um at 3 mm/s, hold for 500 ms, and retract.
 RAMP = Ramp(depth_um=300, up_ms=100, hold_ms=500, down_ms=100)
 
-# Of the curves, in Hz, beside the frequencies that were recorded.
+# Frequencies of the tuning curves in Hz, in addition to the recorded ones.
 CURVE_HZ = (2.0, 5.0, 10.0, 20.0, 40.0, 80.0, 125.0, 200.0, 250.0, 315.0, 400.0, 500.0, 800.0)
 
-# Of Johnson (1974), Fig. 7, and amplitudes that are tried.
-_PIN_MM, _PIN_HZ, _PIN_DEEP_UM = 2.0, 40.0, 550.0
+# Pin of Johnson (1974), Fig. 7, and the amplitudes to try.
+_PIN_MM, _PIN_HZ, _PIN_DEPTH_UM = 2.0, 40.0, 550.0
 _PIN_UM = np.geomspace(15.0, 900.0, 24)
 
 _NUMBERS = TIMING_COLUMNS[3:]
 _PHASE_BINS, _PHASE_PANELS = 10, 2
 
 
-class Answering(NamedTuple):
-    """Parameters, and the response that they answer on."""
+class ModelOnResponse(NamedTuple):
+    """A parameter set, and the stored or solved response that drives it."""
 
     response: ResponseMap
     model: ParameterSet
 
-    def spikes(self, afferent: str, stimulus: Stimulus, units: int = 0) -> list[FloatArray]:
-        """Spikes of each cell of a class, or of so many `units` that differ as those do."""
-        parameters = self.model.parameters[afferent]
-        if units and parameters.cells > 1:
-            parameters = replace(parameters, cells=units)
-        stress_pa = self.response.stress_pa(parameters, [stimulus])
-        [cells] = encode_cells(stress_pa, stimulus.dt_ms, parameters)
-        return cells
+    def spikes_ms(self, afferent: str, stimulus: Stimulus, cells: int = 0) -> list[FloatArray]:
+        """Spike times of each cell of a class; `cells` resizes its population, 0 keeps the size.
 
-    def vibrated(
-        self, row: Mapping[Any, Any], units: int = 0
+        A model with one cell is never resized.
+        """
+        parameters = self.model.parameters[afferent]
+        if cells and parameters.cells > 1:
+            parameters = replace(parameters, cells=cells)
+        stress_pa = self.response.stress_pa(parameters, [stimulus])
+        [cells_ms] = encode_cells(stress_pa, stimulus.dt_ms, parameters)
+        return cells_ms
+
+    def vibration_spikes_ms(
+        self, row: Mapping[Any, Any], cells: int = 0
     ) -> tuple[list[FloatArray], tuple[float, float]]:
-        """Those under the vibration of a row, and the window of its whole cycles."""
+        """Spike times under the vibration of a table's `row`, and the window of whole cycles."""
         frequency_hz = row["frequency_hz"]
         stimulus = vibration(frequency_hz, row["amplitude_um"], self.model.preindent_um)
         cycles = np.floor(stimulus.window_ms[1] * frequency_hz / 1000.0 + 1e-9)
         window_ms = (0.0, cycles * 1000.0 / frequency_hz)
-        return self.spikes(row["afferent"], stimulus, units), window_ms
+        return self.spikes_ms(row["afferent"], stimulus, cells), window_ms
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Beside:
-    """Timing and thresholds of parameters on a response, beside recorded ones.
+class Comparison:
+    """Timing and thresholds of a model, with the recorded ones.
 
-    `timing` has a row a class and vibration: what was recorded, the model's impulses a
-    cycle and vector strengths over all cells, the impulses of the cell of the class that is
-    most like the recorded unit, that cell's place, and whether they are near enough.
-    `tuning` are recorded thresholds with the model's, `curves` the model's.
+    `timing` has one row per class and vibration: recorded numbers, the model's impulses per
+    cycle and vector strengths over all cells, the impulses of the cell closest to the
+    recorded unit, the rank of that cell (0: most sensitive, 1: least sensitive), and whether
+    the differences are within tolerance. `tuning` has recorded thresholds with the model's,
+    `curves` the model's alone.
     """
 
     timing: "DataFrame"
@@ -100,18 +107,18 @@ class Beside:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """The judged model, and the parameters of the whole `fingertip`, beside recorded afferents.
+    """Recorded afferents compared with the judged model and the whole `fingertip`.
 
-    `phases` are shares of the spikes by phase of the cycle, `man` are impulses a cycle in
-    man, `distance` amplitudes of RA away from a probe, `ramp` spikes under
-    `ramp_stimulus`. `sources` say of each set, by name, what it holds and where it is from,
-    `trains` are a user's recorded spikes.
+    `phases` are shares of the spikes per phase bin, `human` impulses per cycle of human units,
+    `distance` RA's amplitudes at distances from a probe, `ramp` spikes under `ramp_stimulus`.
+    `sources` describes each evidence table, by its name: content and origin. `trains` are a
+    user's recorded spikes.
     """
 
-    judged: Beside
-    fingertip: Beside
+    judged: Comparison
+    fingertip: Comparison
     phases: "DataFrame"
-    man: "DataFrame"
+    human: "DataFrame"
     distance: "DataFrame"
     ramp: tuple[SpikeTrain, ...]
     ramp_stimulus: Stimulus
@@ -120,38 +127,38 @@ class Evidence:
 
 
 def gather(
-    judged: Answering,
-    fingertip: Answering,
-    own: Mapping[str, Facts] | None = None,
+    judged: ModelOnResponse,
+    fingertip: ModelOnResponse,
+    overrides: Mapping[str, Facts] | None = None,
     trains: Sequence[SpikeTrain] = (),
 ) -> Evidence:
-    """Everything that is known, and the model under the same stimuli.
+    """Recorded afferents, and both models under the same stimuli.
 
-    `own` tables stand in the place of the published ones of their names, and recorded
-    `trains` in that of the published timing.
+    `overrides` replace published tables of the same names; recorded `trains` replace the
+    published timing and phases.
     """
-    own = own or {}
-    known = {
-        name: own.get(name) or published(name)
+    overrides = overrides or {}
+    facts = {
+        name: overrides.get(name) or published(name)
         for name in (THRESHOLDS, TIMING, PHASES, MAN, DISTANCE)
     }
     recorded = timing_of(trains) if trains else published_timing()
-    phases = phases_of(trains) if trains else known[PHASES].table.assign(frequency_hz=20.0)
+    phases = phases_of(trains) if trains else facts[PHASES].table.assign(frequency_hz=20.0)
     ramp = make_stimulus(RAMP)
-    sources = {name: facts.source for name, facts in known.items()}
+    sources = {name: table.source for name, table in facts.items()}
     if trains:
-        sources |= dict.fromkeys((TIMING, PHASES), "Recorded: the spikes that were given.")
-    asked = known[THRESHOLDS].table
+        sources |= dict.fromkeys((TIMING, PHASES), "Recorded spikes supplied by the user.")
+    recorded_thresholds = facts[THRESHOLDS].table
     return Evidence(
-        judged=_beside_recorded(judged, recorded, asked),
-        fingertip=_beside_recorded(fingertip, recorded, asked),
+        judged=_comparison(judged, recorded, recorded_thresholds),
+        fingertip=_comparison(fingertip, recorded, recorded_thresholds),
         phases=_phases(phases, judged),
-        man=_man(known[MAN].table, judged),
-        distance=_distance(known[DISTANCE].table, fingertip.model.parameters),
+        human=_human(facts[MAN].table, judged),
+        distance=_distance(facts[DISTANCE].table, fingertip.model.parameters),
         ramp=tuple(
             SpikeTrain(ramp.id, name, times_ms, repeat)
             for name in AFFERENTS
-            for repeat, times_ms in enumerate(judged.spikes(name, ramp), start=1)
+            for repeat, times_ms in enumerate(judged.spikes_ms(name, ramp), start=1)
         ),
         ramp_stimulus=ramp,
         sources=sources,
@@ -159,23 +166,28 @@ def gather(
     )
 
 
-def _beside_recorded(answering: Answering, recorded: "DataFrame", asked: "DataFrame") -> Beside:
-    """Timing under `recorded` vibrations; thresholds, also at the frequencies `asked` for."""
+def _comparison(
+    model_on_response: ModelOnResponse, recorded: "DataFrame", recorded_thresholds: "DataFrame"
+) -> Comparison:
+    """Timing under `recorded` vibrations; the model's curves include recorded frequencies."""
     from pandas import concat
 
-    response, model = answering
-    found = []
+    response, model = model_on_response
+    tables = []
     for name in AFFERENTS:
-        hz = sorted({*CURVE_HZ, *asked.frequency_hz[asked.afferent == name]})
-        found.append(thresholds(response, model.parameters[name], hz, model.preindent_um))
-    curves = concat(found, ignore_index=True)
-    return Beside(_timing(recorded, answering), against_evidence(curves, asked), curves)
+        recorded_hz = recorded_thresholds.frequency_hz[recorded_thresholds.afferent == name]
+        frequencies_hz = sorted({*CURVE_HZ, *recorded_hz})
+        parameters = model.parameters[name]
+        tables.append(thresholds(response, parameters, frequencies_hz, model.preindent_um))
+    curves = concat(tables, ignore_index=True)
+    timing = _timing(recorded, model_on_response)
+    return Comparison(timing, against_evidence(curves, recorded_thresholds), curves)
 
 
 def timing_of(trains: Sequence[SpikeTrain]) -> "DataFrame":
-    """Timing of recorded spikes under sinusoids: a row a class and stimulus.
+    """Timing of recorded spikes under sinusoids: one row per class and stimulus.
 
-    Impulses a cycle are the mean over trains, vector strengths those of all spikes, in
+    Impulses per cycle are the mean over trains, vector strengths are those of all spikes in
     the window of the stimulus.
     """
     from pandas import DataFrame
@@ -185,120 +197,123 @@ def timing_of(trains: Sequence[SpikeTrain]) -> "DataFrame":
             name,
             sine.frequency_hz,
             sine.amplitude_um,
-            *_numbers(mine, sine.frequency_hz, sine.window_ms),
+            *_timing_numbers(trains_ms, sine.frequency_hz, sine.window_ms),
         )
-        for (name, sine), mine in _under_sines(trains).items()
+        for (name, sine), trains_ms in _sine_trains_ms(trains).items()
     ]
     return DataFrame(rows, columns=list(TIMING_COLUMNS))
 
 
-def _under_sines(trains: Sequence[SpikeTrain]) -> dict[tuple[str, Sine], list[FloatArray]]:
-    """Spikes in ms of each train, by class and sinusoid; of other stimuli none."""
-    found: dict[tuple[str, Sine], list[FloatArray]] = {}
+def _sine_trains_ms(trains: Sequence[SpikeTrain]) -> dict[tuple[str, Sine], list[FloatArray]]:
+    """Spike times of each train, by class and sinusoid; other stimuli are left out."""
+    groups: dict[tuple[str, Sine], list[FloatArray]] = {}
     for train in trains:
         if isinstance(entry := resolve(train.stimulus)[0], Sine):
-            found.setdefault((train.afferent, entry), []).append(train.times_ms)
-    return found
+            groups.setdefault((train.afferent, entry), []).append(train.times_ms)
+    return groups
 
 
-def _numbers(
+def _timing_numbers(
     trains_ms: Sequence[FloatArray], frequency_hz: float, window_ms: tuple[float, float]
 ) -> tuple[float, float, float]:
-    """Impulses a cycle and train, and both vector strengths of all spikes."""
+    """Impulses per cycle and train, and vector strengths of all spikes at f and at 2 f."""
     start_ms, end_ms = window_ms
-    together = np.concatenate([one[(one > start_ms) & (one <= end_ms)] for one in trains_ms])
+    pooled_ms = np.concatenate([ms[(ms > start_ms) & (ms <= end_ms)] for ms in trains_ms])
     cycles = (end_ms - start_ms) * frequency_hz / 1000.0
     return (
-        together.size / len(trains_ms) / cycles,
-        vector_strength(together, frequency_hz),
-        vector_strength(together, 2.0 * frequency_hz),
+        pooled_ms.size / len(trains_ms) / cycles,
+        vector_strength(pooled_ms, frequency_hz),
+        vector_strength(pooled_ms, 2.0 * frequency_hz),
     )
 
 
-def _beside(recorded: "DataFrame", answering: Answering) -> "DataFrame":
-    """`recorded` vibrations with the model's numbers beside them, in as many whole cycles."""
+def _with_model(recorded: "DataFrame", model_on_response: ModelOnResponse) -> "DataFrame":
+    """`recorded` vibrations joined with the model's numbers, in whole cycles."""
     from pandas import DataFrame
 
     rows = []
     for row in recorded.to_dict("records"):
-        cells, window_ms = answering.vibrated(row)
-        rows.append(_numbers(cells, row["frequency_hz"], window_ms))
+        cells_ms, window_ms = model_on_response.vibration_spikes_ms(row)
+        rows.append(_timing_numbers(cells_ms, row["frequency_hz"], window_ms))
     return recorded.join(DataFrame(rows, recorded.index, [f"model_{name}" for name in _NUMBERS]))
 
 
-def _timing(recorded: "DataFrame", answering: Answering) -> "DataFrame":
-    """`_beside` with the cell that is most like the recorded unit of each class."""
-    found = _beside(recorded, answering)
+def _timing(recorded: "DataFrame", model_on_response: ModelOnResponse) -> "DataFrame":
+    """`_with_model`, with the cell closest to the recorded unit of each class."""
+    table = _with_model(recorded, model_on_response)
     impulses = _NUMBERS[0]
     for _, unit in recorded.groupby("afferent"):
-        of_cells = []
+        rows = []
         for row in unit.to_dict("records"):
-            cells, window_ms = answering.vibrated(row, _UNITS)
-            of_cells.append([_numbers([one], row["frequency_hz"], window_ms)[0] for one in cells])
-        theirs = unit[impulses].to_numpy()[:, np.newaxis]
-        apart = abs(np.array(of_cells) - theirs) / np.maximum(theirs, 0.1)
-        most_alike = int(apart.sum(axis=0).argmin())
-        found.loc[unit.index, "model_unit_impulses"] = [row[most_alike] for row in of_cells]
-        found.loc[unit.index, "model_unit_place"] = (most_alike + 0.5) / apart.shape[1]
-    first, second = (abs(found[f"model_{name}"] - found[name]) for name in _NUMBERS[1:])
-    share = found["model_unit_impulses"] / found[impulses]
-    return found.assign(  # NaN is not near
-        strengths_near=np.maximum(first, second) <= STRENGTH_APART,
-        impulses_near=abs(share - 1) <= IMPULSES_APART,
+            cells_ms, window_ms = model_on_response.vibration_spikes_ms(row, _CELLS)
+            frequency_hz = row["frequency_hz"]
+            rows.append([_timing_numbers([ms], frequency_hz, window_ms)[0] for ms in cells_ms])
+        recorded_impulses = unit[impulses].to_numpy()[:, np.newaxis]
+        difference = abs(np.array(rows) - recorded_impulses)
+        difference = difference / np.maximum(recorded_impulses, 0.1)
+        closest = int(difference.sum(axis=0).argmin())
+        table.loc[unit.index, "model_unit_impulses"] = [row[closest] for row in rows]
+        table.loc[unit.index, "model_unit_place"] = (closest + 0.5) / difference.shape[1]
+    first, second = (abs(table[f"model_{name}"] - table[name]) for name in _NUMBERS[1:])
+    share = table["model_unit_impulses"] / table[impulses]
+    return table.assign(  # NaN is out of tolerance
+        strengths_near=np.maximum(first, second) <= STRENGTH_TOLERANCE,
+        impulses_near=abs(share - 1) <= IMPULSES_TOLERANCE,
     )
 
 
 def phases_of(trains: Sequence[SpikeTrain]) -> "DataFrame":
-    """Recorded spikes by phase of the cycle, of the two strongest sinusoids of each class.
+    """Recorded spikes per phase bin of the cycle, for the two strongest sinusoids of each class.
 
-    Columns are those of the set ``timing_20hz_phase`` and ``frequency_hz``.
+    Columns are those of the evidence table ``timing_20hz_phase`` and ``frequency_hz``.
     """
     from pandas import DataFrame
 
     rows = []
-    found = _under_sines(trains)
+    groups = _sine_trains_ms(trains)
     for afferent in AFFERENTS:
-        sines = [sine for name, sine in found if name == afferent]
-        for sine in sorted(sines, key=lambda one: one.amplitude_um)[-_PHASE_PANELS:]:
+        sines = [sine for name, sine in groups if name == afferent]
+        for sine in sorted(sines, key=lambda sine: sine.amplitude_um)[-_PHASE_PANELS:]:
             cycle_ms = 1000.0 / sine.frequency_hz
             edges_ms = np.linspace(0.0, cycle_ms, _PHASE_BINS + 1)
-            together = np.concatenate(found[afferent, sine])
-            counts, _ = np.histogram(together % cycle_ms, bins=edges_ms)
+            pooled_ms = np.concatenate(groups[afferent, sine])
+            counts, _ = np.histogram(pooled_ms % cycle_ms, bins=edges_ms)
             key = (afferent, sine.frequency_hz, sine.amplitude_um)
             rows += [(*key, *pair) for pair in zip(edges_ms, counts, strict=False)]
     columns = ["afferent", "frequency_hz", "amplitude_um", "phase_ms", "spikes"]
     return DataFrame(rows, columns=columns)
 
 
-def _phases(table: "DataFrame", answering: Answering) -> "DataFrame":
-    """Shares of the spikes in bins of the cycle, recorded and of the model."""
+def _phases(table: "DataFrame", model_on_response: ModelOnResponse) -> "DataFrame":
+    """Shares of the spikes per phase bin of the cycle, recorded and of the model."""
     from pandas import DataFrame
 
-    found = []
+    rows = []
     keys = ["afferent", "frequency_hz", "amplitude_um"]
     groups: list[tuple[Any, Any]] = [*table.groupby(keys, sort=False)]
-    for key, mine in groups:
-        cells, _ = answering.vibrated(dict(zip(keys, key, strict=True)))
-        together, cycle_ms = np.concatenate(cells), 1000.0 / key[1]
-        starts_ms, recorded = (mine[name].to_numpy(float) for name in ("phase_ms", "spikes"))
-        counts, _ = np.histogram(together % cycle_ms, bins=[*starts_ms, cycle_ms])
-        shares = (one / max(one.sum(), 1) for one in (recorded, counts))
-        found += [(*key, *row) for row in zip(starts_ms, *shares, strict=True)]
-    return DataFrame(found, columns=[*keys, "phase_ms", "recorded", "model"])
+    for key, bins in groups:
+        cells_ms, _ = model_on_response.vibration_spikes_ms(dict(zip(keys, key, strict=True)))
+        pooled_ms, cycle_ms = np.concatenate(cells_ms), 1000.0 / key[1]
+        starts_ms, recorded = (bins[name].to_numpy(float) for name in ("phase_ms", "spikes"))
+        counts, _ = np.histogram(pooled_ms % cycle_ms, bins=[*starts_ms, cycle_ms])
+        shares = (spikes / max(spikes.sum(), 1) for spikes in (recorded, counts))
+        rows += [(*key, *row) for row in zip(starts_ms, *shares, strict=True)]
+    return DataFrame(rows, columns=[*keys, "phase_ms", "recorded", "model"])
 
 
-def _man(table: "DataFrame", answering: Answering) -> "DataFrame":
-    """Impulses a cycle in man and of the model, as far as its response reaches."""
-    deepest_um = answering.response.deepest_um - answering.model.preindent_um
-    table = table[table["amplitude_um"] <= deepest_um].reset_index(drop=True)
-    return table.assign(model=_beside(table, answering)["model_impulses_per_cycle"])
+def _human(table: "DataFrame", model_on_response: ModelOnResponse) -> "DataFrame":
+    """Impulses per cycle of human units and of the model, up to the depth of its response."""
+    response, model = model_on_response
+    table = table[table["amplitude_um"] <= response.deepest_um - model.preindent_um]
+    table = table.reset_index(drop=True)
+    return table.assign(model=_with_model(table, model_on_response)["model_impulses_per_cycle"])
 
 
 def _distance(table: "DataFrame", parameters: Parameters) -> "DataFrame":
-    """Amplitude for one impulse a cycle at a distance from a pin on the whole fingertip.
+    """Amplitude for one impulse per cycle at a distance from a pin on the whole fingertip.
 
-    `model_um` is of the median unit, `keenest_um` of the keenest cell of RA; NaN where the
-    largest amplitude is not enough.
+    `model_um` is that of RA's median cell, `keenest_um` that of its most sensitive cell; NaN
+    where the largest amplitude does not suffice.
     """
     from scipy.stats import norm
 
@@ -308,20 +323,27 @@ def _distance(table: "DataFrame", parameters: Parameters) -> "DataFrame":
     from fembridge.touching.touch import touch_skin
     from fembridge.touching.way import Way
 
-    # A line of median units and one of keenest ones.
+    # A line of median cells and a line of most sensitive cells.
     units = Population.line(step_mm=0.25, half_length_mm=8.0, afferents=("RA", "RA"))
-    keenest = norm.ppf(0.5 / parameters["RA"].cells)
-    units = replace(units, deviate=np.repeat([0.0, keenest], len(units) // 2))
+    most_sensitive = norm.ppf(0.5 / parameters["RA"].cells)
+    units = replace(units, deviate=np.repeat([0.0, most_sensitive], len(units) // 2))
     window_ms = (2000.0 / _PIN_HZ, 10_000.0 / _PIN_HZ)
     times_ms = np.arange(round(window_ms[1] / DT_MS) + 1) * DT_MS
     wave = np.sin(2e-3 * np.pi * _PIN_HZ * times_ms)
     pad, pin = pad_named("reference"), Shape.punch(_PIN_MM)
-    ways = [Way("sine", DT_MS, window_ms, _PIN_DEEP_UM + one_um * wave) for one_um in _PIN_UM]
-    touched = [touch_skin(pad, pin, way, units, parameters) for way in ways]
-    reached = [one.rate_ips >= 0.99 * _PIN_HZ for one in touched]
-    least_um = np.where(np.any(reached, axis=0), _PIN_UM[np.argmax(reached, axis=0)], np.nan)
-    median, keen = (
-        np.interp(table["distance_mm"], *each)
-        for each in zip(np.split(units.z_mm, 2), np.split(least_um, 2), strict=True)
+    trajectories = [
+        Way("sine", DT_MS, window_ms, _PIN_DEPTH_UM + amplitude_um * wave)
+        for amplitude_um in _PIN_UM
+    ]
+    with warnings.catch_warnings():  # the largest amplitude ends 8 % beyond the trusted depth
+        warnings.simplefilter("ignore", FembridgeWarning)
+        touches = [
+            touch_skin(pad, pin, trajectory, units, parameters) for trajectory in trajectories
+        ]
+    reached = [touch.rate_ips >= 0.99 * _PIN_HZ for touch in touches]
+    threshold_um = np.where(np.any(reached, axis=0), _PIN_UM[np.argmax(reached, axis=0)], np.nan)
+    median_um, most_sensitive_um = (
+        np.interp(table["distance_mm"], z_mm, line_um)
+        for z_mm, line_um in zip(np.split(units.z_mm, 2), np.split(threshold_um, 2), strict=True)
     )
-    return table.assign(model_um=median, keenest_um=keen)
+    return table.assign(model_um=median_um, keenest_um=most_sensitive_um)

@@ -1,7 +1,8 @@
-"""What a model does not do, a sentence each, found by the numbers, class by class."""
+"""Shortfalls of a model: one sentence per number that misses its bound, sorted by class."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,7 @@ from fembridge.report.rates import EVERY_SET, FAMILIES, FINGERTIP, OBSERVED, Fam
 from fembridge.report.recorded import RAMP
 from fembridge.report.validate import Validation
 from fembridge.tables import AFFERENTS, SpikeTrain
+from fembridge.typing import FloatArray
 from fembridge.words import number
 
 if TYPE_CHECKING:
@@ -19,177 +21,225 @@ if TYPE_CHECKING:
 # An RMSE above this share of the mean rate is a shortfall even where R² is high.
 RMSE_SHARE = 0.5
 
-# Impulses a cycle that a model may be off the median of human units.
-IMPULSES_IN_MAN_APART = 0.5
+# Largest accepted difference from the median of human units, in impulses per cycle.
+HUMAN_IMPULSES_TOLERANCE = 0.5
 
-# A tuning curve may be off by so many times at one frequency, and by so many in the median.
-MOST_TIMES, MEDIAN_TIMES = 4.0, 1.5
+# Largest accepted factor between a model's and a recorded amplitude: at one frequency, and in
+# the median.
+MAX_FACTOR, MAX_MEDIAN_FACTOR = 4.0, 1.5
+
+# Spikes are still counted as evoked by a ramp this long after its end.
+_MARGIN_MS = 25.0
 
 
-def shortfalls(study: Validation) -> tuple[str, ...]:
-    """A sentence for everything in which the judged model is not good enough.
+@dataclass(frozen=True, slots=True)
+class Shortfall:
+    """A number of a model that misses its bound.
 
-    Of a class whose rates are near enough in every family it is the family that is worst.
+    `topic` is one of ``rates, weakest_family, held_out, timing, unit_impulses, thresholds,
+    human_impulses, distance, ramp``. `family` is the name of a family of stimuli, for rates.
+    `message` holds the numbers and does not name the classes.
     """
-    return _class_by_class(
-        *(sentence for one in AFFERENTS for sentence in _of_rates(study, study.judged.name, one)),
-        *_held_out_shortfalls(study),
-        *_timing_shortfalls(study.evidence.judged.timing),
-        *_tuning_shortfalls(study.evidence.judged.tuning),
-        *_man_shortfalls(study.evidence.man),
-        *_ramp_shortfalls(study.evidence.ramp),
+
+    afferents: tuple[str, ...]
+    topic: str
+    message: str
+    family: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """Classes and message, as the page shows them."""
+        return f"{' and '.join(self.afferents)}, {self.message}."
+
+
+def shortfalls(validation: Validation) -> tuple[Shortfall, ...]:
+    """Shortfalls of the judged model.
+
+    A class with good rates in every family has an entry for its weakest family.
+    """
+    evidence = validation.evidence
+    return _sorted_by_class(
+        *_all_rate_shortfalls(validation, validation.judged.name),
+        *_held_out_shortfalls(validation),
+        *_timing_shortfalls(evidence.judged.timing),
+        *_tuning_shortfalls(evidence.judged.tuning),
+        *_human_shortfalls(evidence.human),
+        *_ramp_shortfalls(evidence.ramp),
     )
 
 
-def fingertip_shortfalls(study: Validation) -> tuple[str, ...]:
-    """The same of the parameters of the whole fingertip."""
-    return _class_by_class(
-        *(sentence for one in AFFERENTS for sentence in _of_rates(study, FINGERTIP, one)),
-        *_timing_shortfalls(study.evidence.fingertip.timing),
-        *_tuning_shortfalls(study.evidence.fingertip.tuning),
-        *_distance_shortfalls(study.evidence.distance),
+def fingertip_shortfalls(validation: Validation) -> tuple[Shortfall, ...]:
+    """Shortfalls of the parameters of the whole fingertip."""
+    evidence = validation.evidence
+    return _sorted_by_class(
+        *_all_rate_shortfalls(validation, FINGERTIP),
+        *_timing_shortfalls(evidence.fingertip.timing),
+        *_tuning_shortfalls(evidence.fingertip.tuning),
+        *_distance_shortfalls(evidence.distance),
     )
 
 
-def _class_by_class(*sentences: str) -> tuple[str, ...]:
-    return tuple(sorted(sentences, key=lambda sentence: AFFERENTS.index(sentence[:2])))
+def _sorted_by_class(*entries: Shortfall) -> tuple[Shortfall, ...]:
+    return tuple(sorted(entries, key=lambda entry: AFFERENTS.index(entry.afferents[0])))
 
 
-def _of_rates(study: Validation, source: str, afferent: str) -> Iterator[str]:
-    """Families of which the rates are not near enough, or that are the worst of a good class."""
-    fine = {}
-    observed_is_short = False
+def _all_rate_shortfalls(validation: Validation, source: str) -> Iterator[Shortfall]:
+    for afferent in AFFERENTS:
+        yield from _rate_shortfalls(validation, source, afferent)
+
+
+def _rate_shortfalls(validation: Validation, source: str, afferent: str) -> Iterator[Shortfall]:
+    """Families with insufficient rates, or the weakest family of a good class."""
+    candidates: dict[tuple[bool, float], Shortfall | None] = {}
+    short_of_observed = False
     for family in FAMILIES:
-        reference = study.rates.reference(family.stimuli)
+        reference = validation.rates.reference(family.stimuli)
         key = (reference, source, family.name, EVERY_SET, afferent)
-        cell = row_of(study.agreement, *key)
+        cell = row_of(validation.agreement, *key)
         if not cell["count"]:
             continue
-        target_ips = study.rates.of(reference, afferent, family.stimuli)
+        target_ips = validation.rates.rates_ips(reference, afferent, family.stimuli)
         mean_ips = float(np.nanmean(target_ips))
         share = float(cell.rmse_ips) / mean_ips if mean_ips else math.inf
         observed = reference == OBSERVED
         good = cell.meets_goal if observed else cell.r_squared > rates.PAPER_R_SQUARED
         short = not (good and share <= RMSE_SHARE) if mean_ips else cell.rmse_ips > 0
-        high = cell.r_squared >= rates.GOAL_R_SQUARED
-        lost = ", not below TouchSim’s" if observed and high and not cell.meets_goal else ""
-        words = (
-            f"{family.title.lower()}{'' if observed else ', against TouchSim'}: R² "
-            f"{number(cell.r_squared, '.2f')}, RMSE {cell.rmse_ips:.1f} impulses/s{lost} where "
-            f"the mean rate is {mean_ips:.1f}; at {_worst_set(study, source, family, afferent)}."
-        )
+        title = family.title.lower() + ("" if observed else ", against TouchSim")
         top_ips = float(np.nanmax(target_ips))
-        if top_ips > 0 and not np.nanmax(study.rates.of(cell.source, afferent, family.stimuli)) > 0:
-            where = f"where {reference} reaches {top_ips:.1f} impulses/s"
-            words = f"{words.partition(':')[0]}: silent throughout, {where}."
+        predicted_ips = validation.rates.rates_ips(cell.source, afferent, family.stimuli)
+        if top_ips > 0 and not np.nanmax(predicted_ips) > 0:
+            subject = "the observed rates reach" if observed else f"{reference} reaches"
+            message = f"{title}: silent throughout; {subject} {top_ips:.1f} impulses/s"
+        else:
+            high = cell.r_squared >= rates.GOAL_R_SQUARED
+            remark = " (not below TouchSim’s)" if observed and high and not cell.meets_goal else ""
+            message = (
+                f"{title}: R² {number(cell.r_squared, '.2f')}, RMSE {cell.rmse_ips:.1f} "
+                f"impulses/s{remark}, mean rate {mean_ips:.1f} impulses/s; "
+                f"{_largest_bias(validation, source, family, afferent)}"
+            )
         if short:
-            observed_is_short |= observed
-            yield f"{afferent}, {words}"
-        fine[observed, share] = "" if short else words
-    worst = fine[max(fine)] if fine and not observed_is_short else ""
-    if worst:
-        yield f"{afferent}, weakest under {worst}"
+            short_of_observed |= observed
+            yield Shortfall((afferent,), "rates", message, family.name)
+        weakest = Shortfall((afferent,), "weakest_family", f"weakest under {message}", family.name)
+        candidates[observed, share] = None if short else weakest
+    if candidates and not short_of_observed and (entry := candidates[max(candidates)]):
+        yield entry
 
 
-def _worst_set(study: Validation, source: str, family: Family, afferent: str) -> str:
-    """Set with the largest mean error, how far and to which side: in words."""
-    place = (study.rates.reference(family.stimuli), source, family.name, afferent)
+def _largest_bias(validation: Validation, source: str, family: Family, afferent: str) -> str:
+    """Set with the largest mean error, with size and sign of that error."""
+    key = (validation.rates.reference(family.stimuli), source, family.name, afferent)
     levels = ["reference", "source", "family", "afferent"]
-    titles = {one.name: one.title for one in family.sets}
-    biases_ips = study.agreement.xs(place, level=levels).bias_ips.reindex(list(titles)).dropna()
+    titles = {stimulus_set.name: stimulus_set.title for stimulus_set in family.sets}
+    cells = validation.agreement.xs(key, level=levels)
+    biases_ips = cells.bias_ips.reindex(list(titles)).dropna()
     worst = str(biases_ips.abs().idxmax())
     side = "high" if biases_ips[worst] > 0 else "low"
-    return f"{titles[worst]} {abs(biases_ips[worst]):.1f} impulses/s too {side} on average"
+    size_ips = abs(biases_ips[worst])
+    return f"largest bias at {titles[worst]}: {size_ips:.1f} impulses/s too {side} on average"
 
 
-def _held_out_shortfalls(study: Validation) -> Iterator[str]:
-    for afferent, rows in study.held_out.groupby("afferent", sort=False):
+def _held_out_shortfalls(validation: Validation) -> Iterator[Shortfall]:
+    for afferent, rows in validation.held_out.groupby("afferent", sort=False):
         [total] = rows[rows.frequency_hz.isna()].to_dict("records")
         goal_ips = rates.HELD_OUT_GOAL_IPS[str(afferent)]
         if total["held_out_rmse_ips"] > goal_ips:
-            yield (
-                f"{afferent}, frequencies left out of the fit: RMSE "
-                f"{total['held_out_rmse_ips']:.1f} impulses/s, where {goal_ips:g} is the goal."
+            message = (
+                "frequencies left out of the fit: RMSE "
+                f"{total['held_out_rmse_ips']:.1f} impulses/s, goal {goal_ips:g}"
             )
+            yield Shortfall((str(afferent),), "held_out", message)
 
 
-def _timing_shortfalls(timing: "DataFrame") -> Iterator[str]:
+def _timing_shortfalls(timing: "DataFrame") -> Iterator[Shortfall]:
     for row in timing[~timing["strengths_near"]].itertuples():
-        words = (
-            f"vector strength {row.model_strength_f:.2f} and {row.model_strength_2f:.2f} at the "
-            f"frequency and at twice it, recorded {row.strength_f:.2f} and {row.strength_2f:.2f}"
+        result = (
+            f"vector strength {row.model_strength_f:.2f} at the frequency and "
+            f"{row.model_strength_2f:.2f} at twice the frequency, recorded {row.strength_f:.2f} "
+            f"and {row.strength_2f:.2f}"
         )
         if not row.model_impulses_per_cycle:
-            words = "no spikes where recorded afferents fire"
-        place = f"{row.frequency_hz:g} Hz, {row.amplitude_um:g} µm"
-        yield f"{row.afferent}, timing at {place}: {words}."
-    for afferent, off in timing[~timing["impulses_near"]].groupby("afferent", sort=False):
-        words = ", ".join(
+            result = "no spikes where recorded afferents fire"
+        message = f"timing at {row.frequency_hz:g} Hz, {row.amplitude_um:g} µm: {result}"
+        yield Shortfall((str(row.afferent),), "timing", message)
+    for afferent, rows in timing[~timing["impulses_near"]].groupby("afferent", sort=False):
+        differences = ", ".join(
             f"{row.model_unit_impulses:.1f} instead of {row.impulses_per_cycle:.1f} at "
             f"{row.amplitude_um:g} µm"
-            for row in off.itertuples()
+            for row in rows.itertuples()
         )
-        yield f"{afferent}, impulses a cycle of the cell most like the recorded unit: {words}."
+        message = f"impulses per cycle of the cell closest to the recorded unit: {differences}"
+        yield Shortfall((str(afferent),), "unit_impulses", message)
 
 
-def _tuning_shortfalls(tuning: "DataFrame") -> Iterator[str]:
-    known = tuning.dropna(subset="ratio")
-    known = known.assign(times=np.exp(np.abs(np.log(known["ratio"]))))
-    for afferent in dict.fromkeys(known["afferent"]):
-        rows = known[known["afferent"] == afferent].sort_values("times").to_dict("records")
-        median, worst = float(np.median([row["times"] for row in rows])), rows[-1]
-        if median > MEDIAN_TIMES or worst["times"] > MOST_TIMES:
-            yield (
-                f"{afferent}, thresholds: off by {median:.1f} times in the median, most at "
+def _factor(ratios: Iterable[float]) -> FloatArray:
+    """Ratio or its inverse, whichever is above 1."""
+    factors: FloatArray = np.exp(np.abs(np.log(np.asarray(ratios, dtype=np.float64))))
+    return factors
+
+
+def _tuning_shortfalls(tuning: "DataFrame") -> Iterator[Shortfall]:
+    reached = tuning.dropna(subset="ratio")
+    reached = reached.assign(factor=_factor(reached["ratio"]))
+    for afferent in dict.fromkeys(reached["afferent"]):
+        of_class = reached[reached["afferent"] == afferent]
+        rows = of_class.sort_values("factor").to_dict("records")
+        median, worst = float(np.median([row["factor"] for row in rows])), rows[-1]
+        if median > MAX_MEDIAN_FACTOR or worst["factor"] > MAX_FACTOR:
+            message = (
+                f"thresholds: off by a factor of {median:.1f} in the median, most at "
                 f"{worst['frequency_hz']:g} Hz ({worst['criterion'].replace('_', ' ')}): "
-                f"{worst['model_um']:.3g} µm instead of {worst['amplitude_um']:.3g}."
+                f"{worst['model_um']:.3g} µm instead of {worst['amplitude_um']:.3g} µm"
             )
+            yield Shortfall((afferent,), "thresholds", message)
 
 
-def _man_shortfalls(man: "DataFrame") -> Iterator[str]:
-    for afferent, mine in man.groupby("afferent", sort=False):
-        apart = (mine["model"] - mine["impulses_per_cycle"]).abs()
-        row = mine.to_dict("records")[int(apart.to_numpy().argmax())]
-        if apart.max() > IMPULSES_IN_MAN_APART:
-            yield (
-                f"{afferent}, impulses a cycle in man: farthest off with {row['model']:.1f} "
-                f"instead of {row['impulses_per_cycle']:.1f} at {row['frequency_hz']:g} Hz, "
-                f"{row['amplitude_um']:g} µm."
+def _human_shortfalls(human: "DataFrame") -> Iterator[Shortfall]:
+    for afferent, rows in human.groupby("afferent", sort=False):
+        difference = (rows["model"] - rows["impulses_per_cycle"]).abs()
+        worst = rows.to_dict("records")[int(difference.to_numpy().argmax())]
+        if difference.max() > HUMAN_IMPULSES_TOLERANCE:
+            message = (
+                "impulses per cycle of human units: largest difference at "
+                f"{worst['frequency_hz']:g} Hz, {worst['amplitude_um']:g} µm, with "
+                f"{worst['model']:.1f} instead of {worst['impulses_per_cycle']:.1f}"
             )
+            yield Shortfall((str(afferent),), "human_impulses", message)
 
 
-def _distance_shortfalls(distance: "DataFrame") -> Iterator[str]:
-    ratio = (distance["model_um"] / distance["amplitude_um"]).dropna()
-    times = np.exp(np.abs(np.log(ratio.to_numpy())))
-    if times.size and np.median(times) > MEDIAN_TIMES:
-        yield (
-            f"RA, away from a probe: amplitudes off by "
-            f"{np.median(times):.1f} times in the median, {times.max():.1f} at most."
+def _distance_shortfalls(distance: "DataFrame") -> Iterator[Shortfall]:
+    factors = _factor((distance["model_um"] / distance["amplitude_um"]).dropna())
+    if factors.size and np.median(factors) > MAX_MEDIAN_FACTOR:
+        message = (
+            "amplitudes away from the probe: off by a factor of "
+            f"{np.median(factors):.1f} in the median, {factors.max():.1f} at most"
         )
+        yield Shortfall(("RA",), "distance", message)
 
 
-def _ramp_shortfalls(trains: Sequence[SpikeTrain]) -> Iterator[str]:
-    start_ms, top_ms, back_ms, end_ms = RAMP.corners_ms
+def _ramp_shortfalls(trains: Sequence[SpikeTrain]) -> Iterator[Shortfall]:
+    start_ms, top_ms, release_ms, end_ms = RAMP.corners_ms
 
     def count(afferent: str, low_ms: float, high_ms: float) -> int:
-        mine = [train.times_ms for train in trains if train.afferent == afferent]
-        return sum(int(((one > low_ms) & (one <= high_ms)).sum()) for one in mine)
+        of_class = [train.times_ms for train in trains if train.afferent == afferent]
+        return sum(int(((times > low_ms) & (times <= high_ms)).sum()) for times in of_class)
 
     early = count("SA", top_ms, top_ms + 100.0)
-    late = count("SA", back_ms - 100.0, back_ms)
+    late = count("SA", release_ms - 100.0, release_ms)
     if not early > late > 0:
-        yield (
-            f"SA, ramp and hold: {early} spikes of all cells in the first 100 ms of the hold and "
-            f"{late} in the last; recorded ones slow down and fire on."
+        message = (
+            f"ramp and hold: {early} spikes of all cells in the first 100 ms of the hold and "
+            f"{late} in the last 100 ms; recorded units slow down and keep firing"
         )
-    margin_ms = 25.0
-    for low_ms, high_ms, name in (
-        (start_ms, top_ms + margin_ms, "indentation"),
-        (back_ms, end_ms + margin_ms, "retraction"),
+        yield Shortfall(("SA",), "ramp", message)
+    for low_ms, high_ms, phase in (
+        (start_ms, top_ms + _MARGIN_MS, "indentation"),
+        (release_ms, end_ms + _MARGIN_MS, "retraction"),
     ):
-        silent = [one for one in ("RA", "PC") if not count(one, low_ms, high_ms)]
+        silent = tuple(name for name in ("RA", "PC") if not count(name, low_ms, high_ms))
         if silent:
-            yield f"{' and '.join(silent)}, ramp and hold: silent during {name}."
-    for one in ("RA", "PC"):
-        if count(one, top_ms + 2 * margin_ms, back_ms):
-            yield f"{one}, ramp and hold: fires while the probe stands."
+            yield Shortfall(silent, "ramp", f"ramp and hold: silent during {phase}")
+    for name in ("RA", "PC"):
+        if count(name, top_ms + 2 * _MARGIN_MS, release_ms):
+            yield Shortfall((name,), "ramp", "ramp and hold: fires while the probe is held still")

@@ -1,9 +1,9 @@
-"""What a study of the finite-element model works with: runs of the solver, and what it finds.
+"""Solver runs and findings of the studies of the finite-element model.
 
-Each run is made once, its cost kept beside it; most press a probe into a finger to one
-depth, in equal steps: `indent`. A run folder whose deck and results have the checksums on
-record is not run again, so that a study that was killed resumes. Runs follow each other,
-on one thread: only then is the processor time of a child process that of one run.
+Each run is solved once and its cost is stored in its folder; most runs are an indentation to
+one depth in equal steps (`indent`). A run folder with matching checksums of deck and results is
+not solved again, so a killed study resumes. Runs are sequential and use one thread: only then
+does the processor time of a child process belong to one run.
 """
 
 import hashlib
@@ -46,7 +46,7 @@ from fembridge.solver.settings import SolverSettings
 from fembridge.solver.verdict import Failure, Outcome
 from fembridge.stimulus import Stimulus
 from fembridge.store import filling, read_toml, write_text
-from fembridge.typing import FloatArray
+from fembridge.typing import FloatArray, Table
 
 COST_FILE = "cost.toml"
 RUNS_FOLDER = "runs"
@@ -56,7 +56,7 @@ DEPTH_UM = 200.0
 STEPS, STEPS_QUICK = 10, 4
 
 _STEP_MS = 1000.0
-# In CalculiX's log.
+# Line of CalculiX's log.
 _SPRINGS = re.compile(r"Number of contact spring elements=(\d+)")
 _DT_MS = 0.5
 _UM_PER_MM = 1000.0
@@ -66,13 +66,13 @@ SAFETY = 1.25
 
 _HEIGHT_IN, _PANEL_IN = 2.6, 3.4
 _DOT_PT = 3.2
-# Names on a logarithmic axis that do not run into each other, less one.
+# Largest number of steps between labels of a logarithmic axis, so that labels do not overlap.
 _MOST_STEPS = 4
 
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What a run cost: `cpu_s` of processor time."""
+    """Cost of a run; `cpu_s` is its processor time."""
 
     increments: int = 0
     iterations: int = 0
@@ -84,14 +84,14 @@ class Cost:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """One `run`: its cost, and why it is not accepted, if it is not."""
+    """A run with its cost; `failure` is the reason why it was not accepted, if any."""
 
     run: RunFolder
     cost: Cost
     failure: Failure | None = None
 
     def accepted(self) -> "Attempt":
-        """The run itself, or the `SolverError` that names folder and cause."""
+        """The attempt itself; raises SolverError with folder and cause if it failed."""
         if self.failure is not None:
             raise Outcome(self.run.folder, self.failure).to_error()
         return self
@@ -99,24 +99,24 @@ class Attempt:
 
 @dataclass(slots=True)
 class Runs:
-    """The runs of one study under `folder`; `quick` asks for fewer and shorter ones."""
+    """Runs of one study under `folder`; `quick` requests fewer and shorter runs."""
 
     folder: Path
     quick: bool = False
     spent: Cost = Cost()
 
     def log(self, line: str) -> None:
-        """Send `line`, and of a run how far it is, to who began the study."""
+        """Send a log line to the process that started the study."""
         send(line)
 
     def attempt(self, name: str, model: Model, stimulus: Stimulus) -> Attempt:
-        """Solve `model` under `stimulus` in the folder `name`; a failure is in the attempt."""
-        return self._made(build_run_folder(self.folder / RUNS_FOLDER / name, model, stimulus))
+        """Run of `model` under `stimulus` in the folder `name`; a failure is not raised."""
+        return self._solved(build_run_folder(self.folder / RUNS_FOLDER / name, model, stimulus))
 
     def solve_deck(
         self, name: str, deck: str, increments: int = 1, dt_ms: float = _STEP_MS
     ) -> Path:
-        """Folder with the results of a deck's text, of `increments` equal increments of `dt_ms`.
+        """Folder with the results of a deck of `increments` equal increments of `dt_ms`.
 
         Raises SolverError: the run is not accepted.
         """
@@ -132,12 +132,12 @@ class Runs:
         with filling(run.folder, last=RUN_FILE) as draft:
             write_text(draft / f"{JOB}.inp", deck)
             replace(run, folder=draft).write()
-        return self._made(run).accepted().run.folder
+        return self._solved(run).accepted().run.folder
 
-    def _made(self, run: RunFolder) -> Attempt:
-        """Make a run, or take the one in its folder if that is whole."""
+    def _solved(self, run: RunFolder) -> Attempt:
+        """Result of a run; a complete result in its folder is reused."""
         outcome = finished_outcome(run)
-        cpu_s = None if outcome is None else _kept_cpu_s(run)
+        cpu_s = None if outcome is None else _stored_cpu_s(run)
         if outcome is None or cpu_s is None:
             before_s = _children_s()
             settings = SolverSettings(THREADS, on_progress=send, cache=False)
@@ -155,9 +155,9 @@ class Runs:
 class Indented:
     """Von Mises stress `stress_pa` ``(T, afferent)`` at `depth_um` ``(T,)``.
 
-    Afferents are those of the finger, in its order; `apex_um` ``(T,)`` is how far the
-    skin under the probe moved in. The state at rest comes first. `touching` nodes of
-    the skin touch the probe at the end.
+    Afferents are in the order of the finger; `apex_um` ``(T,)`` is the displacement of the skin
+    under the probe. The first row is the state at rest. `touching` is the number of skin nodes in
+    contact with the probe at the end.
     """
 
     elements: int
@@ -176,7 +176,7 @@ class Indented:
 
 
 def through(depths_um: FloatArray, name: str) -> Stimulus:
-    """Stimulus that moves the probe through `depths_um` ``(T,)``, the first of them 0."""
+    """Stimulus that moves the probe through `depths_um` ``(T,)``, starting at 0."""
     return Stimulus(name, depths_um, _DT_MS, (0.0, (depths_um.size - 1) * _DT_MS))
 
 
@@ -188,7 +188,7 @@ def down(depth_um: float = DEPTH_UM, steps: int = STEPS) -> Stimulus:
 def indent(
     runs: Runs, name: str, model: Model, stimulus: Stimulus | None = None, *, law: str = "linear"
 ) -> Indented:
-    """Solve and read one indentation.
+    """Stress and force of one indentation.
 
     Raises SolverError: the run is not accepted.
     """
@@ -198,9 +198,9 @@ def indent(
 
 
 def read_indented(attempt: Attempt, model: Model, stimulus: Stimulus) -> Indented:
-    """Result of an accepted run, with the state at rest in front."""
+    """Result of an accepted run; the first row is the state at rest."""
     run = attempt.run
-    nodes = [place.node for place in run.afferents]
+    nodes = [afferent.node for afferent in run.afferents]
     pressed = read_pressed(run, stimulus, [*nodes, run.apex_node])
     touching = _SPRINGS.findall((run.folder / LOG_FILE).read_text("utf-8", "replace"))
     return Indented(
@@ -215,13 +215,13 @@ def read_indented(attempt: Attempt, model: Model, stimulus: Stimulus) -> Indente
 
 
 def _children_s() -> float:
-    """Processor time of all child processes that have ended."""
+    """Processor time of all finished child processes."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
-def _kept_cpu_s(run: RunFolder) -> float | None:
-    """Processor time on record; None where there is none of this deck."""
+def _stored_cpu_s(run: RunFolder) -> float | None:
+    """Stored processor time of this deck, None if there is none."""
     try:
         table = read_toml(run.folder / COST_FILE, ResponseError)
         return float(table["cpu_s"]) if table["deck_sha256"] == run.deck_sha256 else None
@@ -230,7 +230,7 @@ def _kept_cpu_s(run: RunFolder) -> float | None:
 
 
 class Check(NamedTuple):
-    """A number that was found, in `unit`, and the bound that it has to keep."""
+    """A number in `unit`, and the bound that it must keep."""
 
     what: str
     found: float
@@ -240,17 +240,28 @@ class Check(NamedTuple):
 
     @property
     def passed(self) -> bool:
-        """Whether the bound is kept; what could not be found keeps none."""
+        """Whether the bound is kept; False for NaN."""
         return self.found <= self.bound if self.side == AT_MOST else self.found >= self.bound
+
+    def to_table(self) -> Table:
+        """Fields under the keys of ``verification.json``, and `passed`."""
+        return {
+            "what": self.what,
+            "found": self.found,
+            "bound": self.bound,
+            "unit": self.unit,
+            "side": self.side,
+            "passed": self.passed,
+        }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Finding:
-    """What one study found.
+    """Result of one study.
 
-    `tables` are by name, with all digits; NaN is a number that could not be had.
-    `numbers` are those that the words of the page hold. `skipped` says why there are
-    none of these, where something that the study needs is not installed.
+    `tables` are by name, with all digits; NaN is an undefined number. `numbers` are used in the
+    text of the page. `skipped` is the reason if the study could not run, for example a
+    missing package.
     """
 
     checks: tuple[Check, ...] = ()
@@ -262,21 +273,21 @@ class Finding:
 
 
 def extrapolated(width: FloatArray, value: FloatArray) -> tuple[float, float, float]:
-    """Limit and order of the last three of `value` ``(K,)`` at falling element widths.
+    """Limit, order and uncertainty of the last three of `value` ``(K,)``; widths decrease.
 
-    Third what the finest is worth in percent: Roache's grid convergence index (J. Fluids Eng.
-    116:405, 1994), 1.25 times its estimated error. Where the values do not close in from one
-    side, limit and order are NaN and that is their spread.
+    The uncertainty of the finest value in percent is Roache's grid convergence index (J. Fluids
+    Eng. 116:405, 1994), 1.25 times its estimated error. If the values do not converge from one
+    side, limit and order are NaN and the uncertainty is their spread.
     """
     last = value[-3:]
     limit, order = richardson(width[-3:], last)
-    off = last.max() - last.min() if math.isnan(limit) else SAFETY * abs(limit - last[-1])
-    return limit, order, 100 * float(off / abs(last[-1]))
+    error = last.max() - last.min() if math.isnan(limit) else SAFETY * abs(limit - last[-1])
+    return limit, order, 100 * float(error / abs(last[-1]))
 
 
-def off_percent(found: FloatArray, expected: FloatArray) -> float:
+def off_percent(values: FloatArray, expected: FloatArray) -> float:
     """Largest difference in percent of the largest value."""
-    return 100 * float(np.abs(found - expected).max() / np.abs(expected).max())
+    return 100 * float(np.abs(values - expected).max() / np.abs(expected).max())
 
 
 def panels(count: int) -> tuple[Figure, list[Axes]]:
@@ -289,7 +300,7 @@ def panels(count: int) -> tuple[Figure, list[Axes]]:
 def line(row: int, *, name: str = "", mark: str = "both") -> dict[str, Any]:
     """Style of series `row` of a panel: "line", "dots", "both" or "dashed".
 
-    A class of afferents has its own colour.
+    Each afferent class has its colour.
     """
     colour = AFFERENT_COLOURS.get(name, SERIES_COLOURS[row % len(SERIES_COLOURS)])
     style: dict[str, Any] = {"color": colour, "markersize": _DOT_PT}
@@ -301,27 +312,27 @@ def line(row: int, *, name: str = "", mark: str = "both") -> dict[str, Any]:
 
 
 def exact(*, dashed: bool = False) -> dict[str, Any]:
-    """Style of a closed form or, dashed, of a limit."""
+    """Style of a closed form; dashed for a limit."""
     style: dict[str, Any] = {"color": FAINT if dashed else INK, "linewidth": 2 * HAIR_PT}
     return {**style, "dashes": (4, 2)} if dashed else style
 
 
 def finish(panel: Axes, x: str, y: str, *, title: str = "", log: str = "") -> None:
-    """Name axes and series; `log` names the logarithmic axes: "", "x" or "xy"."""
+    """Label axes and series; `log` lists the logarithmic axes: "", "x" or "xy"."""
     panel.set_xscale("log" if "x" in log else "linear")
     panel.set_yscale("log" if "y" in log else "linear")
     panel.set(xlabel=x, ylabel=y, title=title)
     if log:
-        _name_samples(panel)
+        _label_samples(panel)
     panel.legend(fontsize=SMALL_TEXT_PT - 1, handlelength=1.8)
 
 
-def _name_samples(panel: Axes) -> None:
-    """Name a logarithmic x axis where the samples are: there are few."""
-    places = np.unique(np.concatenate([each.get_xdata() for each in panel.lines])).tolist()
-    kept, step = places[:1], (places[-1] / places[0]) ** (1 / _MOST_STEPS)
-    for place in places[1:]:
-        if place >= 0.99 * step * kept[-1]:
-            kept.append(place)
-    panel.set_xticks(kept, [f"{place:g}" for place in kept])
+def _label_samples(panel: Axes) -> None:
+    """Label a logarithmic x axis at the sample positions."""
+    samples = np.unique(np.concatenate([curve.get_xdata() for curve in panel.lines])).tolist()
+    labelled, step = samples[:1], (samples[-1] / samples[0]) ** (1 / _MOST_STEPS)
+    for sample in samples[1:]:
+        if sample >= 0.99 * step * labelled[-1]:
+            labelled.append(sample)
+    panel.set_xticks(labelled, [f"{sample:g}" for sample in labelled])
     panel.minorticks_off()

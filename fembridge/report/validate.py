@@ -1,10 +1,9 @@
-"""Compute everything that a validation shows: models, rates, thresholds, deflections."""
+"""Everything that a validation page shows: models, rates, thresholds, deflections."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from decks.presets import model_of, read_finger
@@ -26,12 +25,12 @@ from fembridge.report.rates import (
     locking_table,
     threshold_table,
 )
-from fembridge.report.recorded import Answering, Evidence, gather
+from fembridge.report.recorded import Evidence, ModelOnResponse, gather
 from fembridge.response.deflection import Deflection, convergence, stored_deflections
 from fembridge.response.indentation import solve_response
 from fembridge.response.response_map import ResponseMap
 from fembridge.simulation import Simulation, encode_all, unlike_the_fit
-from fembridge.store import sha256_of
+from fembridge.store import sha256_of, temporary_folder
 from fembridge.tables import AFFERENTS, Rate, SpikeTrain
 from fembridge.trace import finger_id
 from neural import ParameterSet
@@ -42,7 +41,7 @@ if TYPE_CHECKING:
 
 ELEMENT = "CPE4"
 STORED = ("quick", "paper")
-# Farthest from the pre-indentation that a stimulus of the paper goes; measured, with noises.
+# Largest displacement from the pre-indentation of any stimulus of the paper, noises included.
 _STROKE_UM = 300.0
 PUBLISHED_NAME, FINGERTIP_SET = "published", "fitted_pad"
 # Fig. 3 (a): 35, 130 and 250 um at 20 Hz; Appendix A has 34.74 and 129.49.
@@ -54,31 +53,31 @@ _SHORT_DIGEST = 12
 
 @dataclass(frozen=True, slots=True)
 class JudgedModel(ParameterSet):
-    """A parameter set, and in a line the `source` of its numbers."""
+    """A parameter set, with the `source` of its numbers in one line."""
 
     source: str = ""
 
     def held_out(self) -> dict[str, dict[str, Any]]:
-        """What `fembridge fit --held-out` left of each class: see `held_out_table`."""
-        of_class = _table_in(self.origin, "fit")
-        found = {name: of_class.get(name, {}).get("held_out") for name in AFFERENTS}
-        return {name: table for name, table in found.items() if table}
+        """Results of `fembridge fit --held-out` by class, see `held_out_table`."""
+        fit = _subtable(self.origin, "fit")
+        tables = {name: fit.get(name, {}).get("held_out") for name in AFFERENTS}
+        return {name: table for name, table in tables.items() if table}
 
-    def unlike(self, response: ResponseMap) -> str:
-        """What was otherwise where the parameters were fitted; "": nothing."""
-        table = _table_in(response.origin, "finger")
+    def fit_mismatch(self, response: ResponseMap) -> str:
+        """Difference between `response` and the conditions of the fit; "" for none."""
+        table = _subtable(response.origin, "finger")
         return unlike_the_fit(self, finger_id(table) if table else {}, {self.preindent_um})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Validation:
-    """What was computed, and of what.
+    """Inputs and results of a validation.
 
-    `models` and `simulations` go together: the model that is judged comes first, the
-    parameters of the whole fingertip, `FINGERTIP`, which answer on the stored pad, last.
-    `observed` is None where no table was given; `left_out` are stimuli of that
-    table that the paper has not. `agreement`, `held_out`, `thresholds` and `locking` are
-    tables of `fembridge.report.rates`, `evidence` is the judged model beside recorded afferents.
+    `models` and `simulations` have the same order: the judged model first; last `FINGERTIP`,
+    the parameters of the whole fingertip, simulated on the stored pad. `observed` is None
+    without observed rates; `left_out` are stimuli of the observed table outside the paper's 82.
+    `agreement`, `held_out`, `thresholds` and `locking` are tables of `fembridge.report.rates`;
+    `evidence` compares the judged model with recorded afferents.
     """
 
     response: ResponseMap
@@ -97,13 +96,13 @@ class Validation:
 
     @property
     def judged(self) -> JudgedModel:
-        """The model that the report is about."""
+        """The judged model: the subject of the report."""
         return self.models[0]
 
     @property
     def finger(self) -> str:
-        """Name of the finger that the response is of."""
-        return str(_table_in(self.response.origin, "finger").get("name", "own"))
+        """Name of the finger of the response."""
+        return str(_subtable(self.response.origin, "finger").get("name", "own"))
 
 
 def validate(
@@ -114,13 +113,30 @@ def validate(
     facts: Mapping[str, Facts] | None = None,
     trains: Sequence[SpikeTrain] = (),
 ) -> Validation:
-    """Compute the 82 stimuli of the paper on the response of a finger.
+    """Results of `models` under the paper's 82 stimuli, on the response of a finger.
 
-    The first of `models` is judged, by `observed` rates of any of the paper's stimuli and
-    classes. `log` gets a line for what is left out, or does not belong together. `facts`,
-    tables of evidence by name, and recorded `trains` are shown in the place of the published
-    ones. Raises UsageError: observed rates of none of the paper's stimuli. ResponseError: a
-    model's probe goes deeper than the response.
+    Parameters
+    ----------
+    response
+        Response map of the finger; must reach the depth of every stimulus.
+    models
+        The judged model first.
+    observed
+        Observed rates of any of the paper's stimuli and classes. Default: none.
+    log
+        Called with a line for stimuli left out and for parameters fitted on another finger.
+        Default: discards the line.
+    facts
+        Evidence tables by name, instead of the published ones. Default: none.
+    trains
+        Recorded spikes, instead of the published timing and phases. Default: none.
+
+    Raises
+    ------
+    UsageError
+        `observed` has none of the paper's stimuli.
+    ResponseError
+        A stimulus goes deeper than the response.
     """
     from fembridge.touching.pad import pad_named
     from fembridge.touching.stress import pad_response
@@ -132,13 +148,13 @@ def validate(
     simulations = {model.name: _simulated(model, response) for model in models}
     simulations[FINGERTIP] = _simulated(fingertip, pad)
     sources: dict[str, Sequence[Rate]] = {OBSERVED: observed.rates()} if observed else {}
-    sources |= {name: one.mean_rates for name, one in simulations.items()}
+    sources |= {name: simulation.mean_rates for name, simulation in simulations.items()}
     sources[TOUCHSIM] = touchsim_rates()
     rates = RateTable(sources)
     deflections = stored_deflections()
     judged = models[0]
-    if unlike := judged.unlike(response):
-        log(unlike)
+    if mismatch := judged.fit_mismatch(response):
+        log(mismatch)
     return Validation(
         response=response,
         models=(*models, fingertip),
@@ -149,10 +165,14 @@ def validate(
         agreement=agreement_table(rates),
         held_out=held_out_table(judged.held_out(), rates, judged.name),
         thresholds=threshold_table(rates),
-        locking=locking_table(rates, {name: one.trains for name, one in simulations.items()}),
+        locking=locking_table(
+            rates, {name: simulation.trains for name, simulation in simulations.items()}
+        ),
         deflections=deflections,
         convergence=convergence(deflections),
-        evidence=gather(Answering(response, judged), Answering(pad, fingertip), facts, trains),
+        evidence=gather(
+            ModelOnResponse(response, judged), ModelOnResponse(pad, fingertip), facts, trains
+        ),
     )
 
 
@@ -162,9 +182,23 @@ def response_of(
     models: Sequence[JudgedModel],
     log: Callable[[str], None] = lambda line: None,
 ) -> ResponseMap:
-    """The response at that place, the stored one of a preset, or that of a finger, solved.
+    """Response map: read from `response`, stored for a preset, or solved for a finger file.
 
-    Raises MissingError: a finger of one's own, and no solver.
+    Parameters
+    ----------
+    finger
+        ``quick``, ``paper`` or a TOML file; not used with `response`.
+    response
+        Folder or file of a solved response, None for that of `finger`.
+    models
+        Their deepest pre-indentation sets the depth to solve.
+    log
+        Called with each line of the solver. Default: discards the line.
+
+    Raises
+    ------
+    MissingError
+        A finger file, and CalculiX is not installed.
     """
     if response is not None:
         return solved_source(Path(response)).response
@@ -174,11 +208,11 @@ def response_of(
     pressed = replace(model_of(read_finger(finger)), element=ELEMENT)
     if find_ccx() is None:
         raise MissingError(
-            f"finger {finger!r} takes a solver, and there is no ccx on the PATH; install it "
-            f"({SOLVER_INSTALL_LINE}), or give --response DIR of `fembridge simulate`"
+            f"finger {finger!r} must be solved, but ccx is not on the PATH; install CalculiX "
+            f"({SOLVER_INSTALL_LINE}), or pass --response DIR, an output of `fembridge simulate`"
         )
-    with TemporaryDirectory() as place:
-        _, solved = solve_response(Path(place), pressed, deepest_um, log=log)
+    with temporary_folder() as folder:
+        _, solved = solve_response(folder, pressed, deepest_um, log=log)
     return solved
 
 
@@ -194,65 +228,79 @@ def _left_out(observed: ObservedRates | None, log: Callable[[str], None]) -> tup
     unknown = tuple(id_ for id_ in observed.stimuli if id_ not in STIMULI)
     if len(unknown) == len(observed.stimuli):
         raise UsageError(
-            f"{observed.path}: no rate of one of the paper's {len(STIMULI)} stimuli, "
-            f"the first is of {unknown[0]}"
+            f"{observed.path}: none of the paper's {len(STIMULI)} stimuli, "
+            f"first stimulus: {unknown[0]}"
         )
     if unknown:
-        log(f"{observed.path}: left out {', '.join(unknown)}: not in the paper's appendix")
+        log(
+            f"left out {len(unknown)} stimuli that are not in the paper's appendix: "
+            f"{', '.join(unknown)} ({observed.path})"
+        )
     return unknown
 
 
-def judged_models(word: str = DEFAULT_SET) -> tuple[JudgedModel, ...]:
-    """Model called `word` or in that file, and the published one after it.
+def judged_models(name_or_file: str = DEFAULT_SET) -> tuple[JudgedModel, ...]:
+    """The judged model, then the published one unless that is judged itself.
 
-    Raises UsageError: a file that calls its model by the name of another source of rates.
-    ParameterError: no model of that name, or a file that is not there or holds none.
+    Parameters
+    ----------
+    name_or_file
+        Name of a parameter set or path of a TOML file. Default: ``fitted``.
+
+    Raises
+    ------
+    UsageError
+        The model has the name of another source of rates.
+    ParameterError
+        No parameter set of that name, or a file that is missing or invalid.
     """
     published = _model(PUBLISHED_NAME)
-    if word == PUBLISHED_NAME:
+    if name_or_file == PUBLISHED_NAME:
         return (published,)
-    judged = _model(word)
+    judged = _model(name_or_file)
     if judged.name in (OBSERVED, TOUCHSIM, PUBLISHED_NAME, FINGERTIP):
         raise UsageError(
-            f"{word}: a model called {judged.name!r} would be beside another of "
-            "that name; give it another (the file's name, or its key 'name')"
+            f"{name_or_file}: the page already has a source named {judged.name!r}; "
+            "rename the model (rename the file, or set its key 'name')"
         )
     return (judged, published)
 
 
-def _table_in(origin: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    """The table of that name, {} where there is none."""
-    found = origin.get(name)
-    return found if isinstance(found, Mapping) else {}
+def _subtable(origin: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """Table `name` of `origin`, empty if it is missing."""
+    table = origin.get(name)
+    return table if isinstance(table, Mapping) else {}
 
 
-def _model(word: str) -> JudgedModel:
-    found = parameter_set(word)
+def _model(name_or_file: str) -> JudgedModel:
+    parameters = parameter_set(name_or_file)
     source = str(
-        _table_in(found.origin, "fit").get("source") or f"parameter set {word!r} of fembridge"
+        _subtable(parameters.origin, "fit").get("source")
+        or f"parameter set {name_or_file!r} of fembridge"
     )
-    if word not in SET_NAMES:
-        source = f"file {Path(word).name}, SHA-256 {sha256_of(Path(word))[:_SHORT_DIGEST]}"
-    known = {each.name: getattr(found, each.name) for each in fields(found)}
-    return JudgedModel(**known, source=source)
+    if name_or_file not in SET_NAMES:
+        path = Path(name_or_file)
+        source = f"file {path.name}, SHA-256 {sha256_of(path)[:_SHORT_DIGEST]}"
+    values = {field.name: getattr(parameters, field.name) for field in fields(parameters)}
+    return JudgedModel(**values, source=source)
 
 
 def repeated_trains(simulation: Simulation) -> tuple[SpikeTrain, ...]:
-    """Five trains for each class and stimulus of the raster, repeat 1 to 5.
+    """Five trains for each class and stimulus of the raster, numbered 1 to 5.
 
-    Those of a population are those of five cells, the keenest first, evenly apart. A model
-    of one cell has no noise, so that each of its repeats is the same.
+    A population gives the trains of five cells, the most sensitive first, at equal distances
+    in rank. A model with one cell has no noise: its five trains are equal.
     """
-    found = []
-    for place in product(RASTER_STIMULI, AFFERENTS):
-        mine = [train for train in simulation.trains if (train.stimulus, train.afferent) == place]
-        cells = sorted(mine, key=lambda train: train.repeat)
+    trains = []
+    for key in product(RASTER_STIMULI, AFFERENTS):
+        of_key = [train for train in simulation.trains if (train.stimulus, train.afferent) == key]
+        cells = sorted(of_key, key=lambda train: train.repeat)
         for repeat in range(REPEATS):
             times_ms = cells[repeat * len(cells) // REPEATS].times_ms
-            found.append(SpikeTrain(*place, times_ms, repeat + 1))
-    return tuple(found)
+            trains.append(SpikeTrain(*key, times_ms, repeat + 1))
+    return tuple(trains)
 
 
 def cells_of(simulation: Simulation) -> int:
-    """How many cells each class of the model has."""
+    """Number of cells in each class of the model."""
     return len({train.repeat for train in simulation.trains})

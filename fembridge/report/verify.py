@@ -1,4 +1,4 @@
-"""Make the studies, several at a time, and their page; each run of the solver is kept."""
+"""Studies of the finite-element model: run in parallel, then written as one page."""
 
 import json
 import math
@@ -28,32 +28,32 @@ SUMMARY_FILE = "verification.json"
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """A study by name: its title on the page, its function, what a quick run leaves out."""
+    """A study: name, title on the page, function, and the text on reductions of a quick run."""
 
     name: str
     title: str
-    found_by: Callable[[Runs], Finding]
+    function: Callable[[Runs], Finding]
     left_out: str = ""
 
     def make(self, folder: Path, quick: bool) -> Finding:
-        """Do it in `folder`; its figure goes into a file there."""
+        """Finding of the study; runs, and the figure as a PNG file, are in `folder`."""
         runs = Runs(folder, quick)
-        finding = in_style(self.found_by)(runs)
+        finding = in_style(self.function)(runs)
         if finding.figure is not None:
             save_figure(finding.figure, folder / "images" / f"verification_{self.name}.png")
         return replace(finding, figure=None, cost=runs.spent)
 
     @property
     def constants(self) -> Mapping[str, Any]:
-        """Constants of its module and of all studies, which the words of the page hold."""
-        return {**vars(study), **vars(sys.modules[self.found_by.__module__])}
+        """Constants of its module and of `study`, for the text of the page."""
+        return {**vars(study), **vars(sys.modules[self.function.__module__])}
 
     def command(self, quick: bool) -> str:
-        """Command that makes it alone."""
+        """Command that runs only this study."""
         return f"fembridge verify {'--quick ' if quick else ''}--only {self.name}"
 
 
-# In the order of the page.
+# In page order.
 STUDIES = (
     Study("patch", "Patch test", plane.patch),
     Study("solver", "A second solver", plane.second_solver),
@@ -62,13 +62,13 @@ STUDIES = (
         "incompressible",
         "A nearly incompressible dermis",
         pressed_finger.incompressible,
-        "rings to 16 elements across; `quick` finger alone",
+        "rings with up to 16 elements across; `quick` finger only",
     ),
     Study(
         "mesh",
         "Convergence with the mesh",
         pressed_finger.mesh,
-        "three meshes, 4 increments; limits are those of a whole run",
+        "three meshes, 4 increments; limits from a full run",
     ),
     Study(
         "contact",
@@ -90,22 +90,22 @@ STUDIES = (
     ),
     Study(
         "map",
-        "Response map against whole transients",
+        "Response map against complete transients",
         map_and_transient.study,
-        "`quick` alone, 10 ms of each stimulus",
+        "`quick` only, 10 ms of each stimulus",
     ),
 )
 
 
 def studies_named(names: Sequence[str] | None) -> tuple[Study, ...]:
-    """Studies of these names, in the order of the page; None: all.
+    """Studies of these names in page order; all for None.
 
-    Raises UsageError: a name that no study has.
+    Raises UsageError for an unknown name.
     """
-    known = [study.name for study in STUDIES]
-    unknown = [name for name in names or () if name not in known]
+    options = [study.name for study in STUDIES]
+    unknown = [name for name in names or () if name not in options]
     if unknown:
-        raise UsageError(f"no study {unknown[0]!r}, expected one of {', '.join(known)}")
+        raise UsageError(f"unknown study {unknown[0]!r}, expected one of {', '.join(options)}")
     return tuple(study for study in STUDIES if not names or study.name in names)
 
 
@@ -117,55 +117,70 @@ def verify(
     jobs: int = 1,
     on_message: OnMessage = lambda message: None,
 ) -> dict[str, Finding]:
-    """Make the studies `names`, or all; findings by name, in the order of the page.
+    """Findings of the studies by name, in page order.
 
-    Runs of the solver in `folder` that are whole are taken, so that what was stopped goes on
-    where it was. Figures are written as PNG as soon as they are made. `jobs` studies are made at
-    the same time, each in a process of its own; `on_message` gets a line for each step, and the
-    `Progress` of each run. Raises SolverError, ResponseError: a run of the solver failed.
+    Parameters
+    ----------
+    folder
+        Folder of solver runs and figures. Complete runs in it are reused, so a stopped
+        verification resumes.
+    names
+        Names of studies. Default: all.
+    quick
+        Run fewer and shorter solver runs. Default: False.
+    jobs
+        Number of studies at the same time, each in its own process. Default: 1.
+    on_message
+        Called with a line for each step, and with the `Progress` of each run. Default: discards
+        both.
+
+    Raises
+    ------
+    SolverError, ResponseError
+        A solver run failed, or a worker process died.
     """
     studies = studies_named(names)
     make_folder(folder)
     jobs = min(jobs, len(studies))
-    order = deque(studies[::-1] if jobs > 1 else studies)  # the longer first: no core waits
-    found: dict[str, Finding] = {}
-    # The first that fails ends the others, whose runs are kept.
+    order = deque(studies[::-1] if jobs > 1 else studies)  # long studies first: all cores stay busy
+    findings: dict[str, Finding] = {}
+    # The first failure stops the other studies; their finished runs are kept.
     with signals_as_exits(), executor_of(jobs, on_message) as executor:
 
-        def submit(one: Study) -> Future[Finding]:
-            return executor.submit(one.make, folder, quick)
+        def submit(task: Study) -> Future[Finding]:
+            return executor.submit(task.make, folder, quick)
 
-        for one, made in finished(submit, order, jobs):
+        for task, future in finished(submit, order, jobs):
             try:
-                found[one.name] = made.result()
+                findings[task.name] = future.result()
             except WorkerDiedError as error:
                 raise SolverError(
-                    f"{error}; what is finished is kept: run this again", folder
+                    f"{error}; finished runs are kept, run the command again to resume", folder
                 ) from error
-            on_message(f"{one.name}: done, {len(found)} of {len(studies)}")
-    return {study.name: found[study.name] for study in studies}
+            on_message(f"{task.name}: finished {len(findings)} of {len(studies)} studies")
+    return {study.name: findings[study.name] for study in studies}
 
 
 def versions_here() -> dict[str, str]:
-    """Versions that the numbers depend on; a `MissingError` where there is no solver."""
+    """Versions of the programs behind the numbers; raises MissingError without CalculiX."""
     if find_ccx() is None:
         raise MissingError(
-            "verify takes a solver, and there is no ccx on the PATH; "
-            f"install it: {SOLVER_INSTALL_LINE}"
+            f"verify requires a solver, but ccx is not on the PATH; install it: "
+            f"{SOLVER_INSTALL_LINE}"
         )
     versions = {"fembridge": __version__, "CalculiX": check_ccx().found.split(",")[0]}
-    other = plane.skfem_version()
-    return versions if other is None else {**versions, "scikit-fem": other}
+    skfem = plane.skfem_version()
+    return versions if skfem is None else {**versions, "scikit-fem": skfem}
 
 
 def write_report(
     folder: Path, findings: Mapping[str, Finding], versions: Mapping[str, str], *, quick: bool
 ) -> Table:
-    """Write tables, summary and, last, the page; the figures are there. The summary."""
+    """Summary of the findings; writes tables, summary and, last, the page. Figures exist."""
     for finding in findings.values():
         for name, frame in finding.tables.items():
-            text = frame.to_csv(index=False, lineterminator="\n")
-            write_text(folder / "tables" / f"verification_{name}.csv", text)
+            csv_text = frame.to_csv(index=False, lineterminator="\n")
+            write_text(folder / "tables" / f"verification_{name}.csv", csv_text)
     summary = _summary(findings, versions, quick=quick)
     write_text(folder / SUMMARY_FILE, json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
     write_text(folder / PAGE_FILE, page_text(findings, versions, quick=quick))
@@ -173,7 +188,7 @@ def write_report(
 
 
 def _summary(findings: Mapping[str, Finding], versions: Mapping[str, str], *, quick: bool) -> Table:
-    """What a program asks for: each check, found, bound, passed."""
+    """Machine-readable summary: the checks of each study, with value, bound and result."""
     return {
         "quick": quick,
         "versions": dict(versions),
@@ -188,12 +203,8 @@ def _summary(findings: Mapping[str, Finding], versions: Mapping[str, str], *, qu
                 **asdict(finding.cost),
                 "cpu_s": round(finding.cost.cpu_s, 3),
                 "checks": [
-                    {
-                        **check._asdict(),
-                        "found": None if math.isnan(check.found) else check.found,
-                        "passed": check.passed,
-                    }
-                    for check in finding.checks
+                    {**table, "found": None if math.isnan(table["found"]) else table["found"]}
+                    for table in (check.to_table() for check in finding.checks)
                 ],
             }
             for study in STUDIES
@@ -203,7 +214,7 @@ def _summary(findings: Mapping[str, Finding], versions: Mapping[str, str], *, qu
 
 
 def page_text(findings: Mapping[str, Finding], versions: Mapping[str, str], *, quick: bool) -> str:
-    """The page as Markdown; the same findings give the same text."""
+    """The page as Markdown; equal findings give equal text."""
     filters: dict[str, Callable[..., Any]] = {
         "markdown": lambda frame, spec: markdown(worded(frame, spec).rename(columns=_head)),
         "anchor": _anchor,
@@ -213,6 +224,10 @@ def page_text(findings: Mapping[str, Finding], versions: Mapping[str, str], *, q
         filters,
         studies=[study for study in STUDIES if study.name in findings],
         findings=findings,
+        checks={
+            name: [check.to_table() for check in finding.checks]
+            for name, finding in findings.items()
+        },
         versions=versions,
         quick=quick,
         threads=THREADS,
@@ -220,12 +235,12 @@ def page_text(findings: Mapping[str, Finding], versions: Mapping[str, str], *, q
 
 
 def _head(column: str) -> str:
-    """Name of a column with its unit in parentheses."""
+    """Heading of a column, with its unit in parentheses."""
     name, unit = split_unit(column)
     name = name.replace("_", " ")
     return f"{name} ({unit})" if unit else name
 
 
 def _anchor(heading: str) -> str:
-    kept = "".join(letter for letter in heading.lower() if letter.isalnum() or letter in " -")
-    return kept.replace(" ", "-")
+    letters = "".join(letter for letter in heading.lower() if letter.isalnum() or letter in " -")
+    return letters.replace(" ", "-")

@@ -1,5 +1,5 @@
-"""One indentation answers every stimulus: stress as a function of probe depth.
+"""Stress at each afferent as a function of probe depth, from one indentation.
 
-Without inertia and viscosity, and when a load–unload run comes back to where it
-was, stress does not depend on how the probe got to a depth.
+Without inertia and viscosity, and where unloading follows the loading curve, stress
+depends on the probe's depth alone, so one indentation gives the stress of every stimulus.
 """

@@ -1,11 +1,11 @@
-"""How far the skin goes down around a thin probe: the paper's 50 um, pressed 1 mm deep.
+"""Deflection of the skin around a thin probe: the paper's 50 um, pressed 1 mm deep.
 
-The skin's elements under the probe have to be much smaller than it, or it slips
-between their nodes and the run ends well with the skin untouched. So a mesh is cut
-in three around the first touch, twice: 0.042 mm become 0.005 mm on ``quick``.
+The elements under the probe must be much smaller than the probe. Otherwise the probe
+slips between their nodes, and the run converges with the skin untouched. So the elements
+around the first touch are divided by three, twice: 0.042 mm become 0.005 mm on ``quick``.
 
-A profile is TOML, sealed by a checksum. Those in ``profiles`` are for machines without
-a solver, and for the validation page: each is the ``deflection.toml`` that
+A profile is a TOML file with a checksum. Those in ``profiles`` serve machines without
+a solver, and the validation page: each is the ``deflection.toml`` that
 ``fembridge deflect --finger NAME --solver run`` writes.
 """
 
@@ -43,12 +43,12 @@ DEPTH_MM = 1.0
 PAPER_STEP_MM = 0.5
 """"The deflection of the skin surface was obtained with an interval of 0.5 mm"."""
 COMPARED_MM = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
-"""Where meshes are compared."""
+"""Distances in mm at which meshes are compared."""
 # Stiff springs: with them the probe overlaps the skin by 1 um at full depth.
 CONTACT = Contact(stiffness_mpa_per_mm=5000.0)
 
-# Between the two presets, and beyond them, for the study of convergence: the mesh
-# of either takes gmsh.
+# A mesh between the two presets and one finer than both, for the convergence study; both
+# need gmsh.
 MEDIUM = Finger(
     "medium",
     resolution=Resolution(
@@ -75,38 +75,39 @@ FINE = Finger(
 )
 FINGERS = {finger.name: finger for finger in (QUICK, MEDIUM, PAPER, FINE)}
 
-# The mesh is cut in three within these distances of the first touch, in turn.
+# Elements within these distances of the first touch are divided by three, in this order.
 FINE_MM = (0.2, 0.1)
-# Increments grow with depth: what happens at first touch is smaller than the probe.
+# Increments grow with depth: the contact at first touch is narrower than the probe.
 STEPS = 40
-_DT_MS = 25.0  # 1 s in all, as in the paper; time has no meaning here
-_LEAST_MM, _MOST_MM = 0.05, 2.0
+_DT_MS = 25.0  # 1 s in total, as in the paper; the result does not depend on time
+_MIN_DEPTH_MM, _MAX_DEPTH_MM = 0.05, 2.0
 _UM_PER_MM, _MM_PER_UM = 1000.0, 1.0e-3
 
-# The skin under the probe follows it, less what the penalty springs give.
-FOLLOWED = (0.95, 1.01)
-# Both sides of a symmetric finger go down equally, to this share of the depth.
-_UNLIKE_SHARE = 0.01
-# No step down makes the force smaller by more than this share of the last one.
-_FORCE_DIP_SHARE = 0.02
-# Further out the pad turns into the finger's side; the first node there is kept.
+# Displacement of the skin under the probe over the probe's depth: below 1 by the
+# compression of the penalty springs.
+APEX_SHARES = (0.95, 1.01)
+# Largest difference between both sides of a symmetric finger, over the depth.
+_MAX_ASYMMETRY_SHARE = 0.01
+# Largest fall of the force between two increments, over the final force.
+_MAX_FORCE_DIP_SHARE = 0.02
+# Farther out the pad becomes the side of the finger; the first node beyond is kept.
 REACH_MM = 6.0
 _MM_DIGITS, _N_DIGITS = 6, 8
 
-_NUMBERS = ("distance_mm", "deflection_mm", "loading_mm", "loading_n_per_mm")
-# An order outside is none of a method that converges: the meshes differ otherwise.
+_ARRAYS = ("distance_mm", "deflection_mm", "loading_mm", "loading_n_per_mm")
+# An order outside this range means that the meshes differ in more than element size.
 _ORDERS = (0.25, 8.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Deflection:
-    """How far the skin went down, `deflection_mm` ``(N,)`` at `distance_mm` ``(N,)``.
+    """Deflection of the skin, `deflection_mm` ``(N,)`` at `distance_mm` ``(N,)``.
 
-    Both are of points of the skin: the distance is the one from the probe's middle,
-    across the finger, before anything moved; down is into the finger. Distances
-    ascend from 0. The probe is `depth_mm` below its first touch. On its way it
-    met `loading_n_per_mm` ``(K,)`` at `loading_mm` ``(K,)``, from 0 to `depth_mm`.
-    `elements` are those of the mesh called `name`; `origin` is what it was made from.
+    The distance is from the probe's axis to a point of the undeformed skin, across the
+    finger, ascending from 0; the deflection of that point is positive into the finger. The
+    probe is `depth_mm` below first touch. `loading_n_per_mm` ``(K,)`` is the force of
+    the skin on the probe at the depths `loading_mm` ``(K,)``, from 0 to `depth_mm`.
+    `elements` is the number of elements of the mesh `name`; `origin` holds the inputs.
     """
 
     name: str
@@ -119,31 +120,30 @@ class Deflection:
     origin: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in _NUMBERS:
+        for name in _ARRAYS:
             array = np.array(getattr(self, name), dtype=np.float64)
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 
     @property
     def force_n_per_mm(self) -> float:
-        """Force of the skin on the probe at its full depth, per mm of its length."""
+        """Force of the skin on the probe at full depth, in N per mm of probe length."""
         return float(self.loading_n_per_mm[-1])
 
     def at(self, distance_mm: FloatArray | float) -> FloatArray:
-        """Deflection in mm at distances in mm, straight between the skin's nodes."""
-        wanted_mm = np.asarray(distance_mm, dtype=np.float64)
-        last_mm = float(self.distance_mm[-1])
-        if not ((wanted_mm >= 0) & (wanted_mm <= last_mm)).all():
+        """Deflection in mm at distances in mm, linear between the skin's nodes."""
+        requested_mm = np.asarray(distance_mm, dtype=np.float64)
+        end_mm = float(self.distance_mm[-1])
+        if not ((requested_mm >= 0) & (requested_mm <= end_mm)).all():
             raise ResponseError(
-                f"{self.name}: asked for {wanted_mm.min():g} to {wanted_mm.max():g} mm "
-                f"from the probe, the profile has 0 to {last_mm:g} mm"
+                f"{self.name}: distance from the probe {requested_mm.min():g} to "
+                f"{requested_mm.max():g} mm, the profile has 0 to {end_mm:g} mm"
             )
-        found: FloatArray = np.asarray(np.interp(wanted_mm, self.distance_mm, self.deflection_mm))
-        return found
+        return np.asarray(np.interp(requested_mm, self.distance_mm, self.deflection_mm))
 
 
 def press_of(finger: Finger, mesh: Mesh | None = None) -> Model:
-    """`finger` under the thin probe; without a `mesh` its own, refined under the probe."""
+    """Model of `finger` under the thin probe; default mesh: its own, refined under the probe."""
     if mesh is None:
         mesh = mesh_of(finger)
         for radius_mm in FINE_MM:
@@ -151,11 +151,12 @@ def press_of(finger: Finger, mesh: Mesh | None = None) -> Model:
     return Model(finger, mesh, PROBE, CONTACT, law="neo-hookean", support="prescribed")
 
 
-def way_down(depth_mm: float = DEPTH_MM) -> Stimulus:
-    """The probe's way: down to `depth_mm` in steps that grow."""
-    if not _LEAST_MM <= depth_mm <= _MOST_MM:
+def press_stimulus(depth_mm: float = DEPTH_MM) -> Stimulus:
+    """Probe displacement down to `depth_mm` in growing steps."""
+    if not _MIN_DEPTH_MM <= depth_mm <= _MAX_DEPTH_MM:
         raise UsageError(
-            f"deflection: depth is {depth_mm:g} mm, expected {_LEAST_MM:g} to {_MOST_MM:g} mm"
+            f"deflection: depth is {depth_mm:g} mm, expected {_MIN_DEPTH_MM:g} to "
+            f"{_MAX_DEPTH_MM:g} mm"
         )
     depth_um = depth_mm * _UM_PER_MM
     return Stimulus(
@@ -167,134 +168,137 @@ def way_down(depth_mm: float = DEPTH_MM) -> Stimulus:
     )
 
 
-def build_press(folder: Path, press: Model, stimulus: Stimulus) -> RunFolder:
-    """The run folder of `press`: displacements of the pad's whole surface are written."""
+def build_press_folder(folder: Path, press: Model, stimulus: Stimulus) -> RunFolder:
+    """Run folder of `press`, with displacements of all surface nodes of the pad."""
     mesh = press.mesh
     arrays = (mesh.node_mm, mesh.quad, mesh.layer)
-    parts = [np.ascontiguousarray(a).astype(f"<{a.dtype.kind}8") for a in arrays]
-    made_from = {
+    contiguous = [np.ascontiguousarray(a).astype(f"<{a.dtype.kind}8") for a in arrays]
+    inputs = {
         "law": press.law,
         "elements": len(mesh.quad),
-        "mesh_sha256": hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest(),
+        "mesh_sha256": hashlib.sha256(
+            b"".join(array.tobytes() for array in contiguous)
+        ).hexdigest(),
     }
-    return build_run_folder(folder, press, stimulus, watched=mesh.pad(), made_from=made_from)
+    return build_run_folder(folder, press, stimulus, watched=mesh.pad(), made_from=inputs)
 
 
 def solve_deflection(
     folder: Path, press: Model, depth_mm: float = DEPTH_MM, settings: SolverSettings = DEFAULTS
 ) -> Deflection:
-    """Solve `press` in `folder` and write ``deflection.toml`` there.
+    """Deflection of `press`, solved in `folder` and written there as ``deflection.toml``.
 
-    A run that was solved there before, with the same deck, is read again as long as
-    its files are whole.
+    The complete results of an earlier run of the same deck in `folder` are reused.
 
     Raises
     ------
     SolverError
-        The run did not reach its depth.
+        The run did not reach `depth_mm`.
     ResponseError
-        It did, but the probe did not push the skin down: see `why_not`.
+        The probe did not push the skin down: see `press_problem`.
     """
-    stimulus = way_down(depth_mm)
-    run = build_press(folder, press, stimulus)
-    remove_file(folder / PROFILE_FILE)  # it may be of another run
+    stimulus = press_stimulus(depth_mm)
+    run = build_press_folder(folder, press, stimulus)
+    remove_file(folder / PROFILE_FILE)  # possibly of another run
     outcome = solve_once(run, settings)
     if not outcome.accepted:
         raise outcome.to_error()
-    found = _measured(run, press, stimulus)
-    made = {"version": outcome.version or "", "iterations": outcome.iterations}
-    deflection = replace(found, origin={**made, **found.origin})
+    measured = _read_deflection(run, press, stimulus)
+    solver_record = {"version": outcome.version or "", "iterations": outcome.iterations}
+    deflection = replace(measured, origin={**solver_record, **measured.origin})
     write_profile(folder / PROFILE_FILE, deflection)
     return deflection
 
 
-def _measured(run: RunFolder, press: Model, stimulus: Stimulus) -> Deflection:
-    """Read the run, and accept it, or say why not."""
+def _read_deflection(run: RunFolder, press: Model, stimulus: Stimulus) -> Deflection:
+    """Deflection of the run; a ResponseError where the run is not accepted."""
     surface = press.mesh.pad()
     depth_mm = stimulus.displacement_um * _MM_PER_UM
-    _, moved_mm, force_n_per_mm = read_pressed(run, stimulus, (surface + 1).tolist())
-    x_mm, down_mm = press.mesh.node_mm[surface, 0], -moved_mm[-1, :, 1]
+    _, displacement_mm, force_n_per_mm = read_pressed(run, stimulus, (surface + 1).tolist())
+    x_mm, down_mm = press.mesh.node_mm[surface, 0], -displacement_mm[-1, :, 1]
     apex_mm = float(down_mm[surface == run.apex_node - 1][0])
-    distance_mm, deflection_mm, unlike_mm = both_sides(x_mm, down_mm)
-    problem = why_not(float(depth_mm[-1]), apex_mm, force_n_per_mm)
-    if problem is None and unlike_mm > _UNLIKE_SHARE * depth_mm[-1]:
+    distance_mm, deflection_mm, asymmetry_mm = fold_sides(x_mm, down_mm)
+    problem = press_problem(float(depth_mm[-1]), apex_mm, force_n_per_mm)
+    if problem is None and asymmetry_mm > _MAX_ASYMMETRY_SHARE * depth_mm[-1]:
         problem = (
-            f"left and right differ by {unlike_mm:.3g} mm, expected at "
-            f"most {_UNLIKE_SHARE * depth_mm[-1]:.3g} mm"
+            f"left and right differ by {asymmetry_mm:.3g} mm, expected at "
+            f"most {_MAX_ASYMMETRY_SHARE * depth_mm[-1]:.3g} mm"
         )
     if problem is not None:
         raise ResponseError(f"{run.folder}: {problem}")
-    pad = slice(int(np.searchsorted(distance_mm, REACH_MM)) + 1)
+    kept_rows = slice(int(np.searchsorted(distance_mm, REACH_MM)) + 1)
     return Deflection(
         name=press.finger.name,
         elements=len(press.mesh.quad),
-        distance_mm=distance_mm[pad],
-        deflection_mm=np.round(deflection_mm[pad], _MM_DIGITS) + 0.0,
+        distance_mm=distance_mm[kept_rows],
+        deflection_mm=np.round(deflection_mm[kept_rows], _MM_DIGITS) + 0.0,
         depth_mm=float(depth_mm[-1]),
         loading_mm=depth_mm,
         loading_n_per_mm=np.round(force_n_per_mm, _N_DIGITS) + 0.0,
         origin={
             "solver": run.solver,
             "deck_sha256": run.deck_sha256,
-            "sides_differ_mm": round(unlike_mm, _MM_DIGITS),
+            "sides_differ_mm": round(asymmetry_mm, _MM_DIGITS),
             **run.inputs,
         },
     )
 
 
-def why_not(depth_mm: float, apex_mm: float, force_n_per_mm: FloatArray) -> str | None:
-    """Why a run is not one in which the probe pushed the skin; None if it is.
+def press_problem(depth_mm: float, apex_mm: float, force_n_per_mm: FloatArray) -> str | None:
+    """Reason why the probe did not push the skin; None where it did.
 
-    `apex_mm` is how far the skin's point under it went down; `force_n_per_mm` ``(K,)``
-    is that of the skin on the probe, from first touch to `depth_mm`.
+    `apex_mm` is the downward displacement of the skin under the probe; `force_n_per_mm`
+    ``(K,)`` the force of the skin on the probe, from first touch to `depth_mm`.
     """
-    last = float(force_n_per_mm[-1])
-    least, most = (share * depth_mm for share in FOLLOWED)
-    dip = float(-np.diff(force_n_per_mm).min())
-    if not (last > 0 and np.isfinite(force_n_per_mm).all()):
-        return f"the probe did not push: the force at {depth_mm:g} mm is {last:.3g} N/mm"
-    if not least <= apex_mm <= most:
+    final_n_per_mm = float(force_n_per_mm[-1])
+    lowest_mm, highest_mm = (share * depth_mm for share in APEX_SHARES)
+    dip_n_per_mm = float(-np.diff(force_n_per_mm).min())
+    if not (final_n_per_mm > 0 and np.isfinite(force_n_per_mm).all()):
+        return f"the probe did not push: the force at {depth_mm:g} mm is {final_n_per_mm:.3g} N/mm"
+    if not lowest_mm <= apex_mm <= highest_mm:
         return (
-            f"the skin under the probe moved {apex_mm:.4g} mm, expected {least:.4g} to "
-            f"{most:.4g} mm: the probe slipped between its nodes"
+            f"the skin under the probe moved {apex_mm:.4g} mm, expected {lowest_mm:.4g} to "
+            f"{highest_mm:.4g} mm: the probe slipped between its nodes"
         )
-    if dip > _FORCE_DIP_SHARE * last:
-        return f"the force fell by {dip:.3g} N/mm on the way to {last:.3g} N/mm"
+    if dip_n_per_mm > _MAX_FORCE_DIP_SHARE * final_n_per_mm:
+        return (
+            f"the force fell by {dip_n_per_mm:.3g} N/mm before it reached {final_n_per_mm:.3g} N/mm"
+        )
     return None
 
 
-def both_sides(x_mm: FloatArray, down_mm: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Fold a profile at ``x = 0``: distance, mean of both sides, largest difference."""
+def fold_sides(x_mm: FloatArray, down_mm: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Distance, mean of both sides and their largest difference, of a profile around x = 0."""
     right = x_mm >= 0
     left_mm = np.interp(x_mm[right], -x_mm[::-1], down_mm[::-1])
-    unlike_mm = float(np.abs(down_mm[right] - left_mm).max())
-    return x_mm[right], 0.5 * (down_mm[right] + left_mm), unlike_mm
+    asymmetry_mm = float(np.abs(down_mm[right] - left_mm).max())
+    return x_mm[right], 0.5 * (down_mm[right] + left_mm), asymmetry_mm
 
 
 def write_profile(path: Path, deflection: Deflection) -> None:
-    """Write `deflection`; the same profile gives the same bytes."""
+    """Write `deflection` to `path`; the same profile gives the same bytes."""
     table: Table = {
         "format": FORMAT,
         "name": deflection.name,
         "elements": deflection.elements,
         "depth_mm": deflection.depth_mm,
-        **{name: getattr(deflection, name).tolist() for name in _NUMBERS},
+        **{name: getattr(deflection, name).tolist() for name in _ARRAYS},
         "origin": dict(deflection.origin),
     }
     write_sealed(path, table)
 
 
 def read_profile(path: Path) -> Deflection:
-    """Read a profile that `write_profile` wrote."""
+    """Deflection from a file that `write_profile` wrote."""
     table = read_sealed(path, "profile", FORMAT)
     del table["format"], table["sha256"]
     return Deflection(**table)
 
 
 def stored_deflections() -> tuple[Deflection, ...]:
-    """The profiles of all meshes that are stored, the coarsest first."""
-    found = map(read_profile, FOLDER.glob("*.toml"))
-    return tuple(sorted(found, key=lambda deflection: deflection.elements))
+    """Stored profiles of all meshes, the coarsest first."""
+    deflections = map(read_profile, FOLDER.glob("*.toml"))
+    return tuple(sorted(deflections, key=lambda deflection: deflection.elements))
 
 
 def stored_deflection(name: str) -> Deflection:
@@ -309,14 +313,14 @@ def stored_deflection(name: str) -> Deflection:
 
 
 def convergence(deflections: Sequence[Deflection]) -> list[dict[str, Any]]:
-    """Compare the deflections at `COMPARED_MM` in mm, and the force in N/mm.
+    """Convergence of the deflection in mm at `COMPARED_MM` and of the force in N/mm.
 
-    They are of two meshes or more and one depth. Of each `quantity` there are `values` from
-    the coarsest mesh to the finest; `change_percent`, the last step between two meshes in
-    percent of the finest value; `limit` and `order`, Richardson's, NaN where there are not
-    three meshes or the values do not come nearer to each other from one side. The element
-    width goes with the number of elements to the power -1/2, since the meshes are made in
-    one way.
+    `deflections` are of two or more meshes at one depth. Each row has a `quantity`; its
+    `values` from the coarsest to the finest mesh; `change_percent`, the change from the
+    second finest to the finest mesh in percent of the finest value; Richardson's `limit`
+    and `order`, NaN with fewer than three meshes or without monotonic convergence. The
+    element width is proportional to the number of elements to the power -1/2, since all
+    meshes are made in the same way.
     """
     meshes = sorted(deflections, key=lambda mesh: mesh.elements)
     quantities = {
@@ -328,20 +332,23 @@ def convergence(deflections: Sequence[Deflection]) -> list[dict[str, Any]]:
     for quantity, values in quantities.items():
         change = 100 * (values[-1] - values[-2]) / values[-1]
         row = {"quantity": quantity, "values": values, "change_percent": change}
-        three = len(values) >= 3
-        found = richardson(width[-3:], np.array(values[-3:])) if three else (math.nan, math.nan)
-        rows.append(row | dict(zip(("limit", "order"), found, strict=True)))
+        has_three_meshes = len(values) >= 3
+        richardson_fit = (
+            richardson(width[-3:], np.array(values[-3:]))
+            if has_three_meshes
+            else (math.nan, math.nan)
+        )
+        rows.append(row | dict(zip(("limit", "order"), richardson_fit, strict=True)))
     return rows
 
 
 def richardson(width: FloatArray, value: FloatArray) -> tuple[float, float]:
     """Limit and order of `value` ``(3,)`` at the element widths `width` ``(3,)``.
 
-    A value that changes with the width h as ``limit + c h**p`` is known when three
-    meshes are. Widths fall. The order solves ``(v1 - v2)/(v2 - v3) =
-    (h1^p - h2^p)/(h2^p - h3^p)`` (Roache, J. Fluids Eng. 116:405, 1994, for a ratio of
-    widths that is not the same). Both are NaN where the values do not close in from
-    one side, or with an order outside 0.25 to 8.
+    Three meshes determine a value that depends on the width h as ``limit + c h**p``. The
+    widths descend. The order solves ``(v1 - v2)/(v2 - v3) = (h1^p - h2^p)/(h2^p - h3^p)``
+    (Roache, J. Fluids Eng. 116:405, 1994, for unequal ratios of widths). Both are NaN
+    where the values do not converge monotonically, or with an order outside 0.25 to 8.
     """
     from scipy.optimize import brentq
 

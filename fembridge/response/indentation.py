@@ -1,27 +1,29 @@
-"""The indentation that a response map is made of: solved, and accepted or not.
+"""The indentation behind a response map: solved, then accepted or rejected.
 
-The probe goes down in steps and comes back: unloading has to find loading's stress.
-Two traps, both measured with ccx 2.20. Surface-to-surface contact is path-dependent:
-on the way back the stress at a depth came out 17 to 20 % low. And a thin probe slips
-between the skin's nodes: the run ends well, the skin untouched.
+The probe moves down in steps and returns; unloading must reproduce the stress of loading.
+Two errors were measured with ccx 2.20. Surface-to-surface contact is path-dependent:
+during unloading the stress at a depth was 17 to 20 % too low. And a thin probe slips
+between the skin's nodes: the run converges with the skin untouched.
 
-To 400 um each of the probe's nodes is prescribed, so all that was measured of contacts
-was measured; deeper it hangs on a stiff spring (see ``decks/calculix.inp.j2``): prescribed, ccx
-loses all contact on the way back. With a spring the linear law reaches 1.5 mm, and at
-every depth to 400 um the stress is that of the prescribed probe within 0.01 %.
+To 400 um the displacement of each probe node is prescribed; all contact models were
+compared under this condition. Deeper, the probe hangs on a stiff spring (see
+``decks/calculix.inp.j2``), because with prescribed nodes ccx loses contact during unloading.
+With a spring the linear law reaches 1.5 mm, and at every depth to 400 um the stress differs
+from that of the prescribed probe by at most 0.01 %.
 
-The ladder of contact models is tried from the top; its first also on a spring and in
-smaller steps. Node-to-surface with friction came back to its loading curve in every run to
-400 um and takes two iterations an increment; what follows is for meshes on which it does
-not converge, in the order of what it changes: softer stick springs, then no friction (0.3 %
-of stress at most), softer springs (2 %), and last surface-to-surface contact. A contact
-model that runs but does not come back is not taken.
+The contact models of the ladder are tried in order; the first also with a spring and in
+smaller steps. Node-to-surface contact with friction returned to its loading curve in every
+run to 400 um and takes two iterations per increment. The other models are for meshes on
+which it does not converge, in the order of their effect on the stress: softer stick
+springs, then no friction (0.3 % at most), softer springs (2 %), and last surface-to-surface
+contact. A contact model whose unloading differs from its loading is rejected.
 
-A map is one indentation, read at the depth of each sample, so time and place must not
-matter: no layer relaxes, no mass is accelerated, the probe does not slide. That is
-known before anything is solved. Friction is not: skin that slips under the probe on
-its way in does not slip back on the same way out. Where the indentation comes back
-without friction, it is not the contact that is path-dependent but the skin that slips.
+A map is one indentation, read at the depth of each sample. So stress must not depend on
+time or position: no layer relaxes, inertia is off, the probe does not slide. This is
+checked before solving. The effect of friction is only known afterwards: skin that slips
+under the probe during loading does not slip back the same way. Where the indentation
+returns to its loading curve without friction, the slip of the skin is path-dependent, not
+the contact model.
 """
 
 import math
@@ -61,8 +63,8 @@ LADDER = (
     Contact("surface-to-surface", stiffness_mpa_per_mm=3000.0),
 )
 
-# Ends of a run that another contact model may avoid. A missing solver, a full
-# disk or an interrupt are no reason to try the next.
+# Failures that another contact model may avoid. A missing solver, a full disk or an
+# interrupt is no reason to try the next model.
 CONTACT_CAUSES = frozenset(
     {Cause.DIVERGED, Cause.ENDLESS_ITERATION, Cause.STALLED, Cause.NEGATIVE_JACOBIAN}
 )
@@ -74,41 +76,43 @@ CLOSURE_PERCENT = 0.5
 DEFAULT_DEPTH_UM = 400.0
 """Deep enough for every stimulus of the catalogue: 250 um and the noise's peaks."""
 STEPS = 30
-"""Steps grow with depth: a small vibration sees as many of them as a large one."""
+"""Steps grow with depth, so that a small vibration spans as many steps as a large one."""
 DEEP_UM = 1000.0
-"""Of all deeper stimuli: one indentation answers them too."""
+"""Depth of the indentation for all stimuli deeper than `DEFAULT_DEPTH_UM`."""
 REACH_UM = 2000.0
-"""Nothing deeper was ever solved: the reference fingers reach 1500 um."""
+"""Largest depth. Nothing deeper was ever solved: the reference fingers reach 1500 um."""
 
 _PROBE_SET = "PROBE"
 _GROWTH = 1.7
 _UNLOAD_EVERY = 3
 _DT_MS = 0.5
 _DIGITS = 3
-# Shallower, the first steps would round to the same depth.
-_LEAST_UM = 1.0
-# Shallower than this share of the deepest, a step is not compared: the first
-# touch of a few nodes is no measure of a contact model.
-_COMPARED_SHARE = 0.05
+# Below this depth the first steps would round to the same depth.
+_MIN_DEPTH_UM = 1.0
+# Steps shallower than this share of the deepest are not compared: the first touch of
+# a few nodes says nothing about a contact model.
+_COMPARED_DEPTH_SHARE = 0.05
 _MATCH_UM = 1.0e-6
-# The skin under the probe follows it, less what the penalty springs give.
-_FOLLOWED_SHARE = 0.5
+# Smallest displacement of the skin under the probe, over the probe's depth.
+_MIN_APEX_SHARE = 0.5
 _UM_PER_MM = 1000.0
 # Solvers print times with six digits.
 _TIME_TOLERANCE = 1.0e-5
-# An increment costs two iterations, each a factorisation: of a plane mesh about the 1.15th
-# power of its elements, as `fembridge verify` measured from 1 600 to 39 700 of them.
-_ELEMENTS, _INCREMENT_S, _POWER = 3100, 0.45, 1.15
-_RUNS_SEEN = 20  # the last of the cache, of which an estimate is made
-_DECK_BYTES = 69.4
-"""Of a deck of the reference fingers, an element."""
+# An increment takes two iterations, each a factorisation. The time of a factorisation of a
+# plane mesh grows with the number of elements to the power 1.15, as `fembridge verify`
+# measured from 1 600 to 39 700 elements.
+_REFERENCE_ELEMENTS, _REFERENCE_INCREMENT_S, _COST_POWER = 3100, 0.45, 1.15
+_RECENT_RUNS = 20  # latest runs in the cache, used for the estimate
+_MAX_COST = 1e15  # largest plausible seconds, increments or bytes of a cached run
+_DECK_BYTES_PER_ELEMENT = 69.4
+"""Bytes per element in decks of the reference fingers."""
 
 Log = Callable[[str], None]
-"""Called with each line about what goes on."""
+"""Called with each log line."""
 
 
 class HysteresisError(ResponseError):
-    """Unloading differs from loading by `closure_percent`, too much for a map."""
+    """Unloading differs from loading by `closure_percent`, more than a map allows."""
 
     def __init__(self, problem: str, closure_percent: float, *more: object) -> None:
         super().__init__(problem, closure_percent, *more)  # these rebuild it after pickling
@@ -119,10 +123,10 @@ class HysteresisError(ResponseError):
 
 
 class FrictionSlipError(HysteresisError):
-    """Friction is what unloading differs by: without it the same contact comes back.
+    """Unloading differs from loading by friction alone: without it the same contact returns.
 
-    The contact model `contact` is sound; the stress of a waveform takes the whole way
-    of the probe, a transient.
+    The contact model `contact` is valid, but the stress depends on the path of the probe:
+    each waveform needs a transient run.
     """
 
     def __init__(self, problem: str, closure_percent: float, contact: Contact) -> None:
@@ -131,7 +135,7 @@ class FrictionSlipError(HysteresisError):
 
 
 class Attempt(NamedTuple):
-    """One way to solve the indentation."""
+    """Contact model, probe support and number of loading steps of an indentation."""
 
     contact: Contact
     support: str
@@ -144,11 +148,11 @@ class Attempt(NamedTuple):
 
 
 def why_no_map(model: Model, stimuli: Sequence[Stimulus]) -> str | None:
-    """Why stress is no function of depth alone; None: nothing is known.
+    """Reason why stress is no function of depth alone; None where there is none.
 
-    Friction is not judged here: see `solve_response`.
+    Friction is not checked here: see `solve_response`.
     """
-    relaxing = [layer for layer, one in model.finger.materials.items() if one.prony]
+    relaxing = [layer for layer, material in model.finger.materials.items() if material.prony]
     if relaxing:
         verb = "relaxes" if len(relaxing) == 1 else "relax"
         return f"{', '.join(relaxing)} {verb}: stress depends on time, not on depth alone"
@@ -158,7 +162,7 @@ def why_no_map(model: Model, stimuli: Sequence[Stimulus]) -> str | None:
     if sliding:
         return (
             f"{sliding[0]}: the probe slides across the skin: stress depends on its "
-            "place, not on depth alone"
+            "position, not on depth alone"
         )
     return None
 
@@ -172,30 +176,44 @@ def solve_response(
     ladder: Sequence[Contact] = LADDER,
     log: Log = lambda line: None,
 ) -> tuple[Model, ResponseMap]:
-    """`model` with the first contact of the `ladder` that is accepted, and its response.
+    """`model` with the first accepted contact of the `ladder`, and its response map.
 
-    The response answers stimuli down to `needed_um`; of a model whose stress depends on
-    time it is the one that it has at once. It is solved in `folder`, one run folder a
-    contact model. One that was solved before, with the same deck, there or as the cache
-    has it, is read again as long as its files are whole. The accepted map is written as
-    ``response.toml``.
+    The map is solved in `folder`, one run folder per contact model, and written there as
+    ``response.toml``. Complete results of the same deck, in `folder` or in the cache, are
+    reused.
+
+    Parameters
+    ----------
+    folder
+        Folder of the run folders and of the map.
+    model
+        Finger, mesh, probe and constitutive law. Where stress depends on time, the map has
+        the instantaneous stress.
+    needed_um
+        Depth in um that the map must reach. Default: 400.
+    settings
+        How the solver is run.
+    ladder
+        Contact models in the order of trial. Default: `LADDER`.
+    log
+        Called with each log line. Default: no log.
 
     Raises
     ------
     SolverError
-        A run ended for a reason that another contact model does not cure.
+        A run failed for a reason that another contact model cannot avoid.
     FrictionSlipError
-        One is not accepted for the friction alone: no map holds for it.
+        A contact model is rejected because of friction alone: no map is valid for it.
     ResponseError
-        None was accepted: each with its reason.
+        No contact model was accepted; the reasons are in ``contacts.txt``.
     """
-    depth_um, settings, still = depth_for(needed_um), settings.shared_by(1), model.at_once()
+    depth_um, settings, static_model = depth_for(needed_um), settings.shared_by(1), model.at_once()
 
-    def solved(name: str, attempt: Attempt) -> tuple[Outcome, ResponseMap | ResponseError]:
-        """The response that was accepted, or why the attempt is left."""
+    def solve_attempt(name: str, attempt: Attempt) -> tuple[Outcome, ResponseMap | ResponseError]:
+        """Outcome of the run, with its response map or the reason of its rejection."""
         stimulus = indentation(depth_um, attempt.steps)
-        moved = replace(still, support=attempt.support, contact=attempt.contact)
-        run = build_run_folder(folder / name, moved, stimulus)
+        variant = replace(static_model, support=attempt.support, contact=attempt.contact)
+        run = build_run_folder(folder / name, variant, stimulus)
         outcome = solve_once(run, settings)
         if outcome.failure is not None:
             if outcome.failure.cause not in CONTACT_CAUSES:
@@ -206,89 +224,98 @@ def solve_response(
         except ResponseError as error:
             return outcome, error
 
-    attempts = attempts_for(depth_um, ladder)
+    attempts = list_attempts(depth_um, ladder)
     increments = indentation(depth_um).displacement_um.size - 1
-    half = attempts[0].support == "spring" and still.section == "half"
-    elements = len(model.mesh.quad) * (0.5 if half else 1.0)
-    about = in_words(increments * increment_s(elements))
-    log(f"indentation to {depth_um:g} um: {increments} increments, about {about}")
-    left: list[str] = []
+    is_halved = attempts[0].support == "spring" and static_model.section == "half"
+    elements = len(model.mesh.quad) * (0.5 if is_halved else 1.0)
+    duration_text = in_words(increments * increment_s(elements))
+    log(f"indentation to {depth_um:g} um: {increments} increments, about {duration_text}")
+    rejections: list[str] = []
     for number, attempt in enumerate(attempts, start=1):
-        if left:
+        if rejections:
             log(f"contact model {number} of {len(attempts)}: {attempt}")
-        outcome, found = solved(f"contact_{number}", attempt)
-        if isinstance(found, ResponseMap):
-            write_map(folder / MAP_FILE, found)
-            how = "read again" if outcome.skipped else f"solved in {outcome.wall_s:.0f} s"
-            how = "taken from the cache" if outcome.cached else how
+        outcome, response = solve_attempt(f"contact_{number}", attempt)
+        if isinstance(response, ResponseMap):
+            write_map(folder / MAP_FILE, response)
+            source_text = "reused" if outcome.skipped else f"solved in {outcome.wall_s:.0f} s"
+            source_text = "read from the cache" if outcome.cached else source_text
             log(
-                f"response of finger {model.finger.name!r} {how}: "
+                f"response of finger {model.finger.name!r} {source_text}: "
                 f"{outcome.increments} increments, contact {attempt.contact}, unloading within "
-                f"{found.closure_percent:.2g} % of loading"
+                f"{response.closure_percent:.2g} % of loading"
             )
-            return replace(model, contact=attempt.contact), found
-        if isinstance(found, HysteresisError) and attempt.contact.friction > 0:
-            without = replace(attempt.contact, friction=0.0)
-            _, smooth = solved(f"frictionless_{number}", attempt._replace(contact=without))
-            if isinstance(smooth, ResponseMap):
+            return replace(model, contact=attempt.contact), response
+        if isinstance(response, HysteresisError) and attempt.contact.friction > 0:
+            frictionless = replace(attempt.contact, friction=0.0)
+            _, frictionless_response = solve_attempt(
+                f"frictionless_{number}", attempt._replace(contact=frictionless)
+            )
+            if isinstance(frictionless_response, ResponseMap):
                 raise FrictionSlipError(
                     f"skin slips under the probe: with {attempt.contact}, unloading differs "
-                    f"from loading by {found.closure_percent:.3g} % at the same depth, without "
-                    f"friction by {smooth.closure_percent:.2g} %, expected at most "
-                    f"{CLOSURE_PERCENT} %: stress depends on the probe's way, not on depth "
+                    f"from loading by {response.closure_percent:.3g} % at the same depth, without "
+                    f"friction by {frictionless_response.closure_percent:.2g} %, expected at most "
+                    f"{CLOSURE_PERCENT} %: stress depends on the probe's path, not on depth "
                     "alone",
-                    found.closure_percent,
+                    response.closure_percent,
                     attempt.contact,
                 )
-        left.append(f"{attempt}: {found}")
-        log(f"left {left[-1]}")
-    write_text(folder / ATTEMPTS_FILE, "\n".join(left) + "\n")
+        rejections.append(f"{attempt}: {response}")
+        log(f"rejected {rejections[-1]}")
+    write_text(folder / ATTEMPTS_FILE, "\n".join(rejections) + "\n")
     raise ResponseError(
-        f"{folder}: none of {len(left)} contact models was accepted to {depth_um:g} um, each "
-        f"with its reason in {ATTEMPTS_FILE}; take a smaller amplitude, or --law neo-hookean"
+        f"{folder}: none of {len(rejections)} contact models was accepted to {depth_um:g} um, "
+        f"reasons in {ATTEMPTS_FILE}; take a smaller amplitude, or --law neo-hookean"
     )
 
 
-def attempts_for(depth_um: float, ladder: Sequence[Contact]) -> list[Attempt]:
-    """What is tried in turn; no contact model is a cure for more than `DEEP_UM`."""
+def list_attempts(depth_um: float, ladder: Sequence[Contact]) -> list[Attempt]:
+    """Attempts in the order of trial; beyond `DEEP_UM` only those with the first contact."""
     support = "prescribed" if depth_um <= DEFAULT_DEPTH_UM else "spring"
     first, *others = (Attempt(contact, support) for contact in ladder)
     spring = Attempt(first.contact, "spring")
-    firsts = [first] if support == "spring" else [first, spring]
-    firsts.append(spring._replace(steps=2 * STEPS))
-    return firsts if depth_um > DEEP_UM else [*firsts, *others]
+    attempts = [first] if support == "spring" else [first, spring]
+    attempts.append(spring._replace(steps=2 * STEPS))
+    return attempts if depth_um > DEEP_UM else [*attempts, *others]
 
 
 def increment_s(elements: float) -> float:
-    """Seconds of an increment of a mesh of so many `elements`, as the last runs here took."""
-    shares: list[float] = [
-        record["wall_s"] / record["increments"] / (record["deck_bytes"] / _DECK_BYTES) ** _POWER
-        for record in (entry.record for entry in entries(_RUNS_SEEN))
-        if record.get("wall_s") and record.get("increments")
-    ]
-    share = statistics.median(shares) if shares else _INCREMENT_S / _ELEMENTS**_POWER
-    return float(share * elements**_POWER)
+    """Estimated seconds per increment of a mesh of `elements`, from the latest runs here."""
+    costs_s: list[float] = []
+    for entry in entries(_RECENT_RUNS):
+        costs = [entry.record.get(name) for name in ("wall_s", "increments", "deck_bytes")]
+        if all(isinstance(cost, int | float) and 0 < cost < _MAX_COST for cost in costs):
+            wall_s, increments, deck_bytes = map(float, costs)  # type: ignore[arg-type] # numbers
+            costs_s.append(
+                wall_s / increments / (deck_bytes / _DECK_BYTES_PER_ELEMENT) ** _COST_POWER
+            )
+    cost_s = (
+        statistics.median(costs_s)
+        if costs_s
+        else _REFERENCE_INCREMENT_S / _REFERENCE_ELEMENTS**_COST_POWER
+    )
+    return float(cost_s * elements**_COST_POWER)
 
 
 def in_words(seconds: float) -> str:
-    """A time of which the first figure may be right: ``20 s``, ``4 min``, ``6 h``."""
-    size, unit = next(
-        (each for each in ((3600.0, "h"), (60.0, "min")) if seconds >= 1.5 * each[0]), (1.0, "s")
+    """Duration rounded to one or two figures: ``20 s``, ``4 min``, ``6 h``."""
+    unit_s, unit = next(
+        (scale for scale in ((3600.0, "h"), (60.0, "min")) if seconds >= 1.5 * scale[0]), (1.0, "s")
     )
-    count = max(seconds, 1.0) / size
+    count = max(seconds, 1.0) / unit_s
     figures = 1 if unit == "s" and count < 10 else 2
     return f"{float(f'{count:.{figures}g}'):g} {unit}"
 
 
 def indentation(depth_um: float = DEFAULT_DEPTH_UM, steps: int = STEPS) -> Stimulus:
-    """Load to `depth_um` in `steps`, unload over every third of their depths.
+    """Stimulus that loads to `depth_um` in `steps` and unloads over every third depth.
 
-    Time has no meaning here; a step is one increment of the solver.
+    The result does not depend on time; a step is one increment of the solver.
     """
-    if not _LEAST_UM <= depth_um <= REACH_UM:
+    if not _MIN_DEPTH_UM <= depth_um <= REACH_UM:
         raise StimulusError(
-            f"{depth_um:g} um deep, expected {_LEAST_UM:g} to {REACH_UM:g} um: no deeper "
-            "indentation was ever solved; take a smaller amplitude or pre-indentation"
+            f"indentation is {depth_um:g} um deep, expected {_MIN_DEPTH_UM:g} to {REACH_UM:g} um; "
+            "take a smaller amplitude or pre-indentation"
         )
     load_um = loading_um(depth_um, steps)
     unload_um = load_um[steps - _UNLOAD_EVERY : 0 : -_UNLOAD_EVERY]
@@ -303,13 +330,13 @@ def indentation(depth_um: float = DEFAULT_DEPTH_UM, steps: int = STEPS) -> Stimu
 
 
 def loading_um(depth_um: float, steps: int) -> FloatArray:
-    """Depths from 0 to `depth_um` in `steps` that grow, ``(steps + 1,)``."""
+    """Depths in um from 0 to `depth_um` in growing steps, ``(steps + 1,)``."""
     load_um: FloatArray = np.round(depth_um * (np.arange(steps + 1) / steps) ** _GROWTH, _DIGITS)
     return load_um
 
 
 def depth_for(needed_um: float) -> float:
-    """Depth of the indentation that answers stimuli down to `needed_um`."""
+    """Depth in um of the indentation for stimuli down to `needed_um`."""
     depths_um = (DEFAULT_DEPTH_UM, DEEP_UM, float(np.ceil(needed_um / 100.0) * 100.0))
     return next(depth_um for depth_um in depths_um if needed_um <= depth_um)
 
@@ -317,53 +344,55 @@ def depth_for(needed_um: float) -> float:
 def judge(
     depth_um: FloatArray, stress_pa: FloatArray, force_n_per_mm: FloatArray, apex_um: FloatArray
 ) -> tuple[float, ResponseError | None]:
-    """Closure of a run that loads to its deepest sample and comes back; why it is not accepted.
+    """Closure in percent of a load-unload run, and the error that rejects it or None.
 
-    `depth_um` ``(T,)`` is the probe's, the rest state first; `stress_pa` ``(T, afferent)``
-    is von Mises stress; then the force of the skin on the probe, and how far the skin's
-    apex moved in, ``(T,)``.
+    `depth_um` ``(T,)`` is the probe's depth, the rest state first; `stress_pa`
+    ``(T, afferent)`` von Mises stress; `force_n_per_mm` ``(T,)`` the force of the skin on
+    the probe; `apex_um` ``(T,)`` the inward displacement of the skin's apex.
 
     The closure is the largest difference between unloading and loading at the same depth,
-    in percent of the loading stress there, over all afferents; NaN where nothing could be
-    compared. Where it alone is too large that is a `HysteresisError`.
+    in percent of the loading stress, over all afferents; NaN where nothing could be
+    compared. A `HysteresisError` means that only the closure is too large.
     """
     deepest = int(depth_um.argmax())
-    deepest_um, moved_um = float(depth_um[deepest]), float(apex_um[deepest])
-    force = float(force_n_per_mm[deepest])
-    load_um, back_um = depth_um[: deepest + 1], depth_um[deepest + 1 :]
-    same = np.abs(load_um - back_um[:, None]) <= _MATCH_UM
-    compared = same.any(axis=1) & (back_um >= _COMPARED_SHARE * deepest_um)
-    closure = math.nan
-    if compared.any():
-        loading_pa = stress_pa[same[compared].argmax(axis=1)]
+    deepest_um, deepest_apex_um = float(depth_um[deepest]), float(apex_um[deepest])
+    deepest_n_per_mm = float(force_n_per_mm[deepest])
+    load_um, unload_um = depth_um[: deepest + 1], depth_um[deepest + 1 :]
+    same_depth = np.abs(load_um - unload_um[:, None]) <= _MATCH_UM
+    is_compared = same_depth.any(axis=1) & (unload_um >= _COMPARED_DEPTH_SHARE * deepest_um)
+    closure_percent = math.nan
+    if is_compared.any():
+        loading_pa = stress_pa[same_depth[is_compared].argmax(axis=1)]
         with np.errstate(divide="ignore", invalid="ignore"):
-            off = np.abs(stress_pa[deepest + 1 :][compared] / loading_pa - 1)
-        closure = 100 * float(off.max())
+            difference = np.abs(stress_pa[deepest + 1 :][is_compared] / loading_pa - 1)
+        closure_percent = 100 * float(difference.max())
     problem = ""
-    if not (force > 0 and moved_um >= _FOLLOWED_SHARE * deepest_um):
+    if not (deepest_n_per_mm > 0 and deepest_apex_um >= _MIN_APEX_SHARE * deepest_um):
         problem = (
             f"the probe did not push: at {deepest_um:g} um the skin moved "
-            f"{moved_um:.3g} um, the force is {force:.3g} N/mm"
+            f"{deepest_apex_um:.3g} um, the force is {deepest_n_per_mm:.3g} N/mm"
         )
     elif not (stress_pa[deepest] > 0).all():
-        problem = f"an afferent feels nothing: its stress at {deepest_um:g} um is 0"
-    elif not closure <= CLOSURE_PERCENT:  # nor where there is none
-        words = f"unloading differs from loading by {closure:.3g} % at the same depth"
-        return closure, HysteresisError(f"{words}, expected at most {CLOSURE_PERCENT} %", closure)
-    return closure, ResponseError(problem) if problem else None
+        problem = f"the stress at an afferent is 0 at {deepest_um:g} um"
+    elif not closure_percent <= CLOSURE_PERCENT:  # NaN is rejected too
+        message = f"unloading differs from loading by {closure_percent:.3g} % at the same depth"
+        return closure_percent, HysteresisError(
+            f"{message}, expected at most {CLOSURE_PERCENT} %", closure_percent
+        )
+    return closure_percent, ResponseError(problem) if problem else None
 
 
 def measured_response(run: RunFolder, stimulus: Stimulus) -> ResponseMap:
-    """Read the results of the indentation `stimulus` and accept it, or say why not.
+    """Response map from the results of the indentation `stimulus`.
 
     Raises
     ------
     ResultError
-        As of `read_pressed`.
+        See `read_pressed`.
     HysteresisError, ResponseError
-        The contact model is not to be trusted: see `judge`.
+        The contact model is rejected: see `judge`.
     """
-    nodes = [place.node for place in run.afferents]
+    nodes = [site.node for site in run.afferents]
     pressed = read_pressed(run, stimulus, [*nodes, run.apex_node])
     depth_um, tensor_pa = stimulus.displacement_um, pressed.tensor_pa[:, :-1]
     tensor_pa[..., IN_PLANE:] = 0.0  # plane strain: rounding noise
@@ -385,7 +414,10 @@ def measured_response(run: RunFolder, stimulus: Stimulus) -> ResponseMap:
 
 
 class Pressed(NamedTuple):
-    """What the skin did on a probe's way ``(T, node, ...)``, ``(T,)``, the rest state first."""
+    """Stress ``(T, node, 6)`` in Pa, displacement ``(T, node, 3)`` and force ``(T,)`` of the skin.
+
+    Sample 0 is the rest state.
+    """
 
     tensor_pa: FloatArray
     moved_mm: FloatArray
@@ -396,46 +428,46 @@ def read_pressed(run: RunFolder, stimulus: Stimulus, nodes: Sequence[int]) -> Pr
     """Stress and displacement at `nodes`, and the force of the skin on the probe.
 
     The first sample of the `stimulus` is the rest state, which no solver writes. The run was
-    accepted, so its results are whole; the deck is ours, so there is no unit, material or
-    relaxing skin to ask for, as `fembridge.results.read` does.
+    accepted, so its results are complete; fembridge wrote the deck, so units, materials and
+    relaxation need no checks as in `fembridge.results.read`.
 
     Raises
     ------
     ResultError
-        The results are at other times than the waveform, those of a run with a ramp to a
-        pre-indentation, for example, or not finite.
+        The results are at other times than the waveform (as in a run with a ramp to a
+        pre-indentation), or not finite.
     """
-    found = []
+    fields = []
     with ByteFile(run.results) as file:
         index = FrdIndex(file)
         for name in ("STRESS", "DISP"):
             blocks = index.named(name)
-            check_times(np.array([one.time_ms for one in blocks]), stimulus, run.results)
-            found.append(values_at(file, blocks, nodes))
-    tensor_mpa, moved_mm = found
+            check_times_match(np.array([block.time_ms for block in blocks]), stimulus, run.results)
+            fields.append(values_at(file, blocks, nodes))
+    tensor_mpa, moved_mm = fields
     clear_shear(tensor_mpa, nodes, run.on_axis)
     printed = run.folder / f"{JOB}.dat"
     force_ms, _, total_n = read_node_print(printed, "total force", _PROBE_SET)
-    check_times(force_ms, stimulus, printed)
+    check_times_match(force_ms, stimulus, printed)
     force_n = total_n[:, 0, 1]
-    if not all(np.isfinite(one).all() for one in (tensor_mpa, moved_mm, force_n)):
+    if not all(np.isfinite(array).all() for array in (tensor_mpa, moved_mm, force_n)):
         raise ResultError("stress, displacement or force is not finite", run.results)
     # `RF` is the force that pushes the probe down; the section is 1 mm thick.
-    found = [PA_PER_MPA * tensor_mpa, moved_mm, -force_n]
-    # The rest state in front, which no solver writes.
-    return Pressed(*(np.concatenate([np.zeros_like(one[:1]), one]) for one in found))
+    solved = [PA_PER_MPA * tensor_mpa, moved_mm, -force_n]
+    # The rest state, which no solver writes, is put in front.
+    return Pressed(*(np.concatenate([np.zeros_like(array[:1]), array]) for array in solved))
 
 
-def check_times(found_ms: FloatArray, stimulus: Stimulus, path: Path) -> None:
-    """Refuse results at other times than those of the `stimulus` behind the rest state."""
+def check_times_match(times_ms: FloatArray, stimulus: Stimulus, path: Path) -> None:
+    """Raise ResultError where results are not at the times of the `stimulus` after rest."""
     expected_ms = stimulus.times_ms[1:]
-    if found_ms.size != expected_ms.size:
-        raise ResultError(f"{found_ms.size} increments, expected {expected_ms.size}", path)
-    off = np.abs(found_ms - expected_ms) > _TIME_TOLERANCE * expected_ms[-1]
-    if off.any():
-        row = int(off.argmax())
+    if times_ms.size != expected_ms.size:
+        raise ResultError(f"{times_ms.size} increments, expected {expected_ms.size}", path)
+    differs = np.abs(times_ms - expected_ms) > _TIME_TOLERANCE * expected_ms[-1]
+    if differs.any():
+        row = int(differs.argmax())
         raise ResultError(
-            f"increment {row + 1} is at {found_ms[row] / MS_PER_S:g} s, expected "
+            f"increment {row + 1} is at {times_ms[row] / MS_PER_S:g} s, expected "
             f"{expected_ms[row] / MS_PER_S:g} s",
             path,
         )

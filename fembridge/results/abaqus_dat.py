@@ -20,16 +20,20 @@ quantity in it.
 
 Numbers have four digits, times three or four: 0.2505 s is 0.251. Where number of increment times
 its size agrees with the printed time, it is taken: so it is with the fixed increments of our decks.
+
+Each increment has a summary with its times, and the tables that its step requests: every
+increment, or every n-th and the last. A line of these that is missing is refused or noted.
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from fembridge.errors import ResultError, UsageError
+from fembridge.memory import check_memory
 from fembridge.results.byte_file import text_lines
 from fembridge.results.dat_section import TABLE, DatSection, Wanted
 from fembridge.results.fields import numbers_near
@@ -37,19 +41,28 @@ from fembridge.results.history import History, of_samples
 from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.results.status import fortran
 from fembridge.results.stress import von_mises_pa
-from fembridge.trace import MS_PER_S
+from fembridge.trace import MS_PER_S, seconds_to_ms
 from fembridge.typing import FloatArray
 
+_ROWS_AT_ONCE, _ROW_BYTES, _VALUE_BYTES = 100_000, 300, 60  # of lists, and arrays of them
+_LONGEST_PREAMBLE, _SHOWN = 1000, 80  # characters of it that are kept, and shown
 STRESSES_AT_NODES, MISES_AT_NODES = "stresses at nodes", "von mises stress at nodes"
 
 _ENDED = "THE ANALYSIS HAS BEEN COMPLETED"
-_NUMBER = r"([-+]?\d*\.?\d*(?:E[-+]?\d+)?)"
-_INCREMENT = re.compile(r" *INCREMENT +(\d+) +SUMMARY *")
+_NUMBER = r"([-+.\dE]+)"
+_INCREMENT = re.compile(r" *INCREMENT +(\d{1,9}) +SUMMARY *")
 _SIZE = re.compile(rf" *TIME INCREMENT COMPLETED +{_NUMBER} *,.*")
 _TIMES = re.compile(rf" *STEP TIME COMPLETED +{_NUMBER} *, +TOTAL TIME COMPLETED +{_NUMBER} *")
-_STEP = re.compile(r" *S T E P +(\d+) .*")
+_STEP = re.compile(r" *S T E P +(\d{1,9}) .*")
+_ABOUT_TIME = re.compile(r" *INCREMENT +\S+ +SUMMARY|.*TIME (?:INCREMENT )?COMPLETED")
 _SET = re.compile(r"(?:NODE|ELEMENT) SET +(\S+)")
-_ROW = re.compile(r" +(\d+)((?: +\d+)*?)(?: +[A-Z]{1,3})?((?: +[-+]?\d+\.\d*(?:E?[-+]\d+)?)+) *")
+_ROW = re.compile(
+    r" +(\d{1,18})((?: +\d{1,18})*?)(?: +[A-Z]{1,3})?"
+    r"((?: +[-+]?\d+\.\d*(?:E[-+]\d\d|[-+]\d{3})?)+) *"
+)
+_TAILS = ("MAXIMUM", "MINIMUM", "TOTAL", "NODE", "ELEMENT", "AT ")  # of a table
+_FLOAT = re.compile(r"[-+]?\d+\.\d*(?:E?[-+]\d+)?")
+_FOUR_DIGITS = re.compile(r"[-+]?(?:0*\.0*$|0?(?=[\d.]{5}(?:[E+-]|$))\d{0,4}\.\d{0,4}(?:[E+-]|$))")
 _LABELS = {("NODE",): ("node",), ("ELEMENT", "PT"): ("element", "point")}
 # By the letters of a column: what it is, and in which unit of `printed`.
 _FAMILIES = {"S": "stresses", "MISES": "von mises stress", "U": "displacements", "E": "strains",
@@ -98,50 +111,114 @@ def nodal_stress(path: Path, nodes: Sequence[int] | None, options: ReadOptions) 
 
 @dataclass(slots=True)
 class _Clock:
-    """The time of the tables that follow."""
+    """The time of the tables that follow; `now_s` is None where it is not printed.
+
+    `problems` are contradictions among the lines about time that are not reported yet.
+    `increments` are the numbers of the increments of each step, `sized` counts those with a line
+    ``TIME INCREMENT``.
+    """
 
     step: int = 1
     increment: int = 0
-    size: str = ""
+    size_s: float | None = None
     before_s: float = 0.0
-    now_s: float = 0.0
+    now_s: float | None = None
+    last_s: float = 0.0
+    start_s: float | None = None
+    awaited: bool = False
+    sized: int = 0
+    problems: list[str] = field(default_factory=list)
+    increments: dict[int, list[int]] = field(default_factory=dict)
 
     def reads(self, line: str) -> bool:
         """Whether `line` was about time."""
-        if found := _INCREMENT.fullmatch(line):
-            self.increment = int(found[1])
-        elif found := _SIZE.fullmatch(line):
-            self.size = found[1]
-        elif found := _TIMES.fullmatch(line):
-            self.now_s = self.before_s + self._in_step_s(found[1])
-        elif found := _STEP.fullmatch(line):
-            if int(found[1]) != self.step:
-                self.step, self.before_s = int(found[1]), self.now_s
+        if not ("COMPLETED" in line or "SUMMARY" in line or "S T E P" in line):
+            return False
+        if match := _INCREMENT.fullmatch(line):
+            self._begin(int(match[1]))
+        elif match := _SIZE.fullmatch(line):
+            self.size_s = self._number(match[1])
+            self.sized += 1
+        elif match := _TIMES.fullmatch(line):
+            self._times(match[1], match[2])
+        elif match := _STEP.fullmatch(line):
+            if int(match[1]) != self.step:
+                self.step, self.before_s = int(match[1]), self.last_s
+                self.increment, self.now_s, self.awaited = 0, None, False
+        elif _ABOUT_TIME.match(line):
+            self.problems.append(f"unreadable: {line.strip()[:80]!r}")
         else:
             return False
         return True
 
-    def _in_step_s(self, printed: str) -> float:
-        exact_s = self.increment * float(self.size or "nan")
-        decimals = len(printed.partition(".")[2].partition("E")[0])
-        rounding_s = 0.51 * 10.0 ** (int(printed.partition("E")[2] or 0) - decimals)
-        return exact_s if abs(exact_s - float(printed)) <= rounding_s else float(printed)
+    def _begin(self, number: int) -> None:
+        if self.awaited:
+            self.problems.append(f"increment {self.increment} has no time")
+        if self.increment and number != self.increment + 1:
+            self.problems.append(f"increment {number} comes after {self.increment}")
+        self.increment, self.size_s, self.now_s, self.awaited = number, None, None, True
+        self.increments.setdefault(self.step, []).append(number)
+
+    def _times(self, step_text: str, total_text: str) -> None:
+        step_s, total_s = self._number(step_text), self._number(total_text)
+        if not self.awaited:
+            self.problems.append(f"a time of {step_text} s without a line INCREMENT")
+            self.size_s = None
+        self.awaited = False
+        if step_s is None or total_s is None:
+            return
+        # Where a restart begins, the total time is ahead of the steps in the file.
+        start_s = total_s - step_s - self.before_s
+        self.start_s = start_s if self.start_s is None else self.start_s
+        rounding_s = _last_digit_s(step_text) + 2.0 * _last_digit_s(total_text)
+        if abs(start_s - self.start_s) > rounding_s + 2e-3 * abs(self.before_s):
+            words = f"step time {step_text} s and total time {total_text} s contradict each other"
+            self.problems.append(f"increment {self.increment}: {words}")
+        if self.size_s is not None:
+            exact_s = self.increment * self.size_s
+            step_s = exact_s if abs(exact_s - step_s) <= 0.51 * _last_digit_s(step_text) else step_s
+        self.now_s = self.last_s = self.before_s + step_s
+
+    def _number(self, text: str) -> float | None:
+        try:
+            value = fortran(text)
+            seconds_to_ms(value)
+        except ValueError:
+            self.problems.append(f"{text!r} is no time")
+            return None
+        return value
+
+
+def _last_digit_s(printed: str) -> float:
+    """One unit of the last digit of a printed time."""
+    mantissa, _, power = printed.partition("E")
+    return 10.0 ** (int(power or 0) - len(mantissa.partition(".")[2]))
 
 
 @dataclass(slots=True)
 class _Open:
-    """A table that is being read."""
+    """A table that is being read; `time_ms` is None where no time is printed before it.
 
-    time_ms: float
+    `line` is its first, `step` and `increment` that of the clock, which is `awaited` when the
+    increment has begun and its time is missing.
+    """
+
+    time_ms: float | None
     preamble: str
+    line: int
+    step: int
+    increment: int
+    awaited: bool
     labels: tuple[str, ...] = ()
     columns: tuple[str, ...] = ()
     rows: list[tuple[list[int], list[float]]] = field(default_factory=list)
     ended: bool = False
     total: list[float] = field(default_factory=list)
+    odd: str = ""
 
     def sections(self) -> Iterator[DatSection]:
         """A section for each quantity, whose columns are together."""
+        assert self.time_ms is not None  # see `abaqus_sections`
         found = _SET.search(self.preamble)
         at_nodes = " at nodes" if "AVERAGED AT THE NODES" in self.preamble else ""
         families: dict[str, list[int]] = {}
@@ -181,88 +258,190 @@ def abaqus_sections(
     options: ReadOptions,
 ) -> Iterator[DatSection]:
     """As `fembridge.results.printed.dat_sections`, of a ``.dat`` of Abaqus."""
-    found: list[tuple[str, DatSection]] = []
-    whole = False
-    for table, number, closed in _tables(path):
-        if table is None:
+    sections: list[tuple[str, DatSection]] = []
+    tables: dict[str, dict[tuple[int, int], _Open]] = {}  # by kind, then step and increment
+    clock, whole = _Clock(), False
+    odd = ""  # a number with more or fewer digits than Abaqus prints
+    for item, number, closed in _tables(path, clock):
+        for problem in clock.problems:
+            options.refuse(f"line {number} or before: {problem}", path)
+        clock.problems.clear()
+        if item is None:
             whole = True
             continue
-        if not closed:
-            words = f"cut in the table from line {number}"
-            options.refuse(words, path, noted=f"{words}, which is left out")
+        table: _Open = item
+        if message := _damage_of_table(table, closed):
+            options.refuse(message, path, noted=f"{message}, which is left out")
+            continue
+        if table.time_ms is None:
+            options.note(f"left out: the table from line {table.line} has no time")
+            continue
+        if not table.labels:
+            options.note(f"left out: the table from line {table.line}, of another kind")
             continue
         for section in table.sections():
-            if wanted(section.quantity, section.set_name):
-                found.append((f"{section.quantity} {table.preamble}", section))
+            if not wanted(section.quantity, section.set_name):
+                continue
+            kind = f"{section.quantity} {table.preamble}"
+            others = tables.setdefault(kind, {})
+            twin = others.setdefault((table.step, table.increment), table)
+            if twin is not table and twin.columns == table.columns and twin.rows != table.rows:
+                message = f"{section} is in two tables, from lines {twin.line} and {table.line}"
+                options.refuse(message, path)
+            sections.append((kind, section))
+        odd = odd or table.odd
+    for problem in clock.problems:
+        options.refuse(problem, path)
+    if odd:
+        options.note(f"{odd} has not the four digits that Abaqus prints")
     if not whole:
         options.note(f"cut, or the job did not end: {_ENDED} is missing")
-    yield from _with_zeros(found, options)
+    count = sum(map(len, clock.increments.values()))
+    if 0 < clock.sized < count:
+        options.note(f"{count - clock.sized} of {count} increments have no line TIME INCREMENT")
+    _note_absent(tables, clock.increments, options)
+    yield from _with_zeros(sections, path, options)
 
 
-def _tables(path: Path) -> Iterator[tuple[_Open | None, int, bool]]:
+def _damage_of_table(table: _Open, closed: bool) -> str:
+    """What is wrong with a table as a whole; "" where nothing is."""
+    if not closed:
+        return f"cut in the table from line {table.line}"
+    if not table.columns and not table.ended:
+        return f"no names of columns in the table from line {table.line}"
+    if table.awaited:
+        return f"increment {table.increment} has no time before the table from line {table.line}"
+    return ""
+
+
+def _note_absent(
+    tables: Mapping[str, Mapping[tuple[int, int], _Open]],
+    increments: Mapping[int, Sequence[int]],
+    options: ReadOptions,
+) -> None:
+    """Note the increments that lack a table of a kind that others have.
+
+    A request prints every n-th increment of a step and the last.
+    """
+    for kind, held in tables.items():
+        for step, numbers in increments.items():
+            printed = [number for number in numbers if (step, number) in held]
+            every = printed[0] if printed else 1
+            expected = {number for number in numbers if number % every == 0}
+            if numbers[0] > 1:  # of a restart
+                expected = set(numbers) if every == numbers[0] else expected
+            if not printed:
+                options.note(f"step {step} has no table of {kind[:_SHOWN]}")
+            elif absent := sorted(expected - set(printed)):
+                shown = ", ".join(map(str, absent[:5])) + ", ..." * (len(absent) > 5)
+                words = f"no table of {kind[:_SHOWN]} in increments {shown} of step {step}"
+                options.note(f"{words}, {len(absent)} of {len(numbers)}")
+            elif extra := sorted(set(printed) - expected - {numbers[-1]}):
+                shown = ", ".join(map(str, extra[:5]))
+                options.note(f"increment {shown} of step {step} has a table between the others")
+            elif every > 1:
+                options.note(f"every {every} increments of step {step} have {kind[:_SHOWN]}")
+
+
+def _tables(path: Path, clock: _Clock) -> Iterator[tuple[_Open | None, int, bool]]:
     """Tables, the line of each, and whether more follows; None where the analysis has ended."""
-    clock, table, at = _Clock(), None, 0
+    table: _Open | None = None
     for number, line, ended in text_lines(path):
         text = line.strip()
         if _ENDED in line or clock.reads(line) or TABLE in line:
             if table is not None:
-                yield table, at, True
+                yield table, number, True
             table = None
             if _ENDED in line:
                 yield None, number, True
             elif TABLE in line:
-                table, at = _Open(clock.now_s * MS_PER_S, text), number
+                time_ms = None if clock.now_s is None else clock.now_s * MS_PER_S
+                at = number, clock.step, clock.increment, clock.awaited
+                table = _Open(time_ms, text, *at)
         elif table is None or not text or text == "NOTE":
             continue
         elif table.columns and text.startswith("TOTAL") and ended:
-            table.ended, table.total = True, [fortran(word) for word in text.split()[1:]]
+            table.ended, table.total = True, _numbers(text.split()[1:], table, path, number)
         elif table.ended:
-            continue
+            row = _ROW.fullmatch(line) if table.columns else None
+            if row and len(row[3].split()) == len(table.columns):
+                raise ResultError(f"a row behind the end of its table: {line[:80]!r}", path, number)
         elif not table.columns:
             if text.startswith(("NODE", "ELEMENT")) and "FOOT" in text:
                 names, _, columns = text.partition("FOOT-")
                 table.labels = _LABELS.get(tuple(names.split()), ())
                 table.ended = not table.labels  # of a kind that is not read
                 table.columns = tuple(columns.split()) if table.labels else ()
-            else:
+            elif len(table.preamble) < _LONGEST_PREAMBLE:
                 table.preamble += f" {text}"
         elif "ALL VALUES IN THIS TABLE ARE ZERO" in text:
             table.ended = True
         elif row := _ROW.fullmatch(line):
-            values = [fortran(word) for word in row[3].split()]
+            values = _numbers(row[3].split(), table, path, number)
             labels = [int(row[1]), *map(int, row[2].split())]
-            if (len(labels), len(values)) != (len(table.labels), len(table.columns)):
+            if len(labels) != len(table.labels):
                 raise ResultError(f"no row of its table: {line[:80]!r}", path, number)
             table.rows.append((labels, values))
-        elif text[0].isalpha():
+            if len(table.rows) % _ROWS_AT_ONCE == 0:
+                needed_bytes = len(table.rows) * (_ROW_BYTES + _VALUE_BYTES * len(values))
+                check_memory(needed_bytes, "the table", ResultError.at(path))
+        elif text[0].isalpha() and (text.startswith(_TAILS) or not _FLOAT.search(text)):
             table.ended = True
         elif not ended:
             break
         elif text != "1":  # of a page
             raise ResultError(f"no row of its table: {line[:80]!r}", path, number)
     if table is not None:
-        yield table, at, table.ended
+        yield table, table.line, table.ended
+
+
+def _numbers(words: Sequence[str], table: _Open, path: Path, number: int) -> list[float]:
+    """The values of a row or a total, one a column."""
+    try:
+        values = [fortran(word) for word in words]
+        if not table.odd and not all(map(_FOUR_DIGITS.match, words)):
+            table.odd = next(f"line {number}: {w}" for w in words if not _FOUR_DIGITS.match(w))
+        if len(values) != len(table.columns):
+            raise ValueError(f"{len(values)} values, expected {len(table.columns)}")
+    except ValueError as error:
+        raise ResultError(f"no row of its table: {error}", path, number) from error
+    return values
 
 
 def _with_zeros(
-    found: Sequence[tuple[str, DatSection]], options: ReadOptions
+    sections: Sequence[tuple[str, DatSection]], path: Path, options: ReadOptions
 ) -> Iterator[DatSection]:
     """The sections with the rows that others of their kind have: zeros are not printed."""
-    known: dict[str, set[tuple[int, ...]]] = {}
-    for kind, one in found:
-        known.setdefault(kind, set()).update(map(tuple, one.labels.tolist()))
-    filled = False
-    for kind, section in found:
-        one, every = section, sorted(known[kind])
-        if len(every) != len(one.labels):
-            rows_at = {row: k for k, row in enumerate(every)}
-            values = np.zeros((len(every), one.values.shape[1]))
-            values[[rows_at[tuple(row)] for row in one.labels.tolist()]] = one.values
-            filled = True
-            one = replace(one, labels=np.array(every, dtype=np.int64), values=values)
-        yield one
+    every: dict[str, set[tuple[int, ...]]] = {}
+    for kind, section in sections:
+        every.setdefault(kind, set()).update(map(tuple, section.labels.tolist()))
+    rows = {kind: sorted(labels) for kind, labels in every.items()}
+    places = {kind: {row: k for k, row in enumerate(labels)} for kind, labels in rows.items()}
+    filled, example = 0, ""
+    for kind, section in sections:
+        printed = [places[kind][tuple(row)] for row in section.labels.tolist()]
+        if len(set(printed)) < len(printed):
+            message = f"{section}: a row is duplicate"
+            options.refuse(message, path, noted=f"dropped the section: {message}")
+            continue
+        if len(printed) == len(rows[kind]):
+            yield section
+            continue
+        values = np.zeros((len(rows[kind]), section.values.shape[1]))
+        values[printed] = section.values
+        absent = next(row for k, row in enumerate(rows[kind]) if k not in set(printed))
+        filled += len(rows[kind]) - len(printed)
+        named = zip(section.label_names, absent, strict=True)
+        example = example or ", ".join(
+            [f"{section.time_ms:g} ms", *(f"{name} {label}" for name, label in named)]
+        )
+        labels = np.array(rows[kind], dtype=np.int64)
+        yield replace(section, labels=labels, values=values)
     if filled:
-        options.note("rows that tables lack are 0: Abaqus prints no row of zeros")
+        options.note(
+            f"{filled} rows that tables lack are 0, the first at {example}: Abaqus prints no row "
+            "of zeros"
+        )
 
 
 def _six(values: FloatArray) -> FloatArray:

@@ -10,20 +10,23 @@ A file named ``.gz`` is unpacked into a temporary one first, up to a bound.
 import gzip
 import math
 import os
+import re
 import stat
 import zlib
 from collections.abc import Iterator
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from difflib import get_close_matches
 from fractions import Fraction
 from functools import cache, lru_cache
 from pathlib import Path
-from tempfile import NamedTemporaryFile, _TemporaryFileWrapper
+from tempfile import NamedTemporaryFile, TemporaryFile, gettempdir
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fembridge.errors import ResultError
+from fembridge.memory import MAX_RATIO, SMALL_BYTES
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 Characters = NDArray[np.uint8]  # of records of one length, ``(record, byte)``
@@ -31,10 +34,12 @@ Characters = NDArray[np.uint8]  # of records of one length, ``(record, byte)``
 WINDOW_BYTES = 4096  # holds the header of a block with 100 components
 CHUNK_BYTES = 1 << 20
 LONGEST_LINE = 1 << 16
-# Times the packed bytes (results are 3 to 30, gzip can do 1000), and bytes of any file.
-_MOST_UNPACKED, _ALWAYS_UNPACKED = 100, 1 << 28
+_OPEN_FILES = Path("/proc/self/fd")
+# Formats whose lines are read one by one: what unpacks without limit is less of them.
+_READ_BY_LINES = (".dat", ".sta", ".cvg", ".sts", ".txt")
 _LEAST_POWER, _MOST_POWER, _HEAD_BITS = -105, 94, 29  # of E-99 behind six decimals
 _PLAIN = b" +-.0123456789E\n"
+_BLANK = re.compile(rb"(?:[ \t\r]*\n)+")
 _IS_PLAIN = np.isin(np.arange(256), np.frombuffer(_PLAIN[:-1], np.uint8))
 
 
@@ -49,7 +54,7 @@ class ByteFile(AbstractContextManager["ByteFile"]):
         if path.suffix.lower() == ".gz" and path.is_file():
             about = path.stat()
             self._kept = _unpacked(path, about.st_size, about.st_mtime_ns)
-            self.place = Path(self._kept.name)
+            self.place = self._kept.path
         try:
             handle = os.open(self.place, os.O_RDONLY | os.O_NONBLOCK)
         except FileNotFoundError as error:
@@ -164,23 +169,50 @@ def suffix_of(path: Path) -> str:
     return Path(path.stem if packed else path).suffix.lower()
 
 
+class _Unpacked:
+    """The content of a gzip file in a temporary `file`, which goes with the last who has this.
+
+    On Linux it has no name, so that a kill leaves nothing.
+    """
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self.file = file
+        named = isinstance(file.name, str)
+        self.path = Path(file.name) if named else _OPEN_FILES / str(file.fileno())
+
+    def add(self, block: bytes, path: Path) -> None:
+        """Append what came out of `path`."""
+        try:
+            self.file.write(block)
+            self.file.flush()
+        except OSError as error:
+            folder = f"{gettempdir()}: {error.strerror}; TMPDIR names another folder"
+            raise ResultError(f"cannot be unpacked into {folder}", path) from error
+
+    def __del__(self) -> None:
+        with suppress(OSError):  # of bytes for which there was no room
+            self.file.close()
+
+
 @lru_cache(maxsize=1)
-def _unpacked(path: Path, size: int, written_ns: int) -> "_TemporaryFileWrapper[bytes]":
-    """The content of a gzip file of `size` bytes; removed when nothing has it any more."""
-    most, done = max(size * _MOST_UNPACKED, _ALWAYS_UNPACKED), 0
-    place = NamedTemporaryFile(suffix=suffix_of(path))  # noqa: SIM115 - kept by the cache
+def _unpacked(path: Path, size: int, written_ns: int) -> _Unpacked:
+    """The content of a gzip file of `size` bytes."""
+    small_bytes = SMALL_BYTES // (8 if suffix_of(path) in _READ_BY_LINES else 1)
+    done = 0
+    make = TemporaryFile if _OPEN_FILES.is_dir() else NamedTemporaryFile
     try:
-        with gzip.open(path) as packed:
+        unpacked = _Unpacked(make(suffix=suffix_of(path)))
+        with path.open("rb") as raw, gzip.GzipFile(fileobj=raw) as packed:
             while block := packed.read(CHUNK_BYTES):
                 done += len(block)
-                if done > most:
-                    words = f"unpacks to more than {_MOST_UNPACKED} times its {size} bytes"
+                read_bytes = min(size, raw.tell() + CHUNK_BYTES)
+                if done > max(small_bytes, MAX_RATIO * read_bytes):
+                    words = f"unpacks to more than {MAX_RATIO} times its {size} bytes"
                     raise ResultError(f"{words}: no results", path)
-                place.write(block)
-        place.flush()
+                unpacked.add(block, path)
     except (OSError, EOFError, zlib.error) as error:
         raise ResultError(f"cannot be unpacked: {error}", path) from error
-    return place
+    return unpacked
 
 
 def text_lines(path: Path) -> Iterator[tuple[int, str, bool]]:
@@ -198,6 +230,7 @@ def text_lines(path: Path) -> Iterator[tuple[int, str, bool]]:
 def text_runs(path: Path) -> Iterator[tuple[int, str | Characters, bool]]:
     """As `text_lines`; but lines of plain numbers, as long as the one before, come together.
 
+    Of more than two blank lines the first and the last come, under their own numbers.
     They are a table ``(line, byte)``, line ends among them, with the number of the first.
     """
     with ByteFile(path) as file:
@@ -218,8 +251,16 @@ def text_runs(path: Path) -> Iterator[tuple[int, str | Characters, bool]]:
                     )
                 yield number, text[at:].decode("latin-1"), False
                 return
-            yield number, text[at:end].decode("latin-1").rstrip("\r"), True
+            line = text[at:end]
+            yield number, line.decode("latin-1").rstrip("\r"), True
             size, at, number, look = end + 1 - at, end + 1, number + 1, 16
+            if not line.strip() and (blank := _BLANK.match(text, at)):  # of many, two are given
+                number += text.count(b"\n", at, blank.end())
+                at = blank.end()
+                yield number - 1, "", True
+                continue
+            if text[at : at + size - 1].translate(None, _PLAIN):
+                continue  # the next line is no plain one
             while text[at + size - 1 : at + size] == b"\n" and size > 1:
                 some = min(look, (len(text) - at) // size)
                 block, same = text[at : at + some * size], some

@@ -8,6 +8,8 @@
 ``node``, ``afferent`` whose it is; a table's columns of these names are taken unasked;
                        without them it is of one place, node 1
 
+Only these arrays are read, each after its size is known from a header.
+
 Stress is in `ReadOptions.stress_unit`, unless the name of the column says it, each of six its
 own: ``S_pa``, ``Mises [kPa]``. Of CSV, lines of ``%``, ``#`` or nothing come before the header,
 as COMSOL and code_aster write it. An NPZ has arrays ``(T,)``, ``(T, node)`` or of tensors
@@ -20,38 +22,41 @@ Tensors are xx yy zz xy yz zx, VTK's order; nine numbers are a whole one; XDMF's
 xx xy xz yy yz zz (xdmf.org, "XDMF Model and Format", Attribute).
 """
 
-import zipfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import math
+import warnings
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
-from xml.etree import ElementTree
+from typing import NamedTuple
 
 import numpy as np
 
-from fembridge.errors import FembridgeError, MissingError, ResultError, TableError, UsageError
+from fembridge.errors import FembridgeWarning, ResultError, TableError, UsageError
+from fembridge.memory import check_memory, check_unpacked
+from fembridge.npz import COPIES, NpzFile, shapes_text
 from fembridge.results.byte_file import ByteFile, suffix_of
 from fembridge.results.fields import TIMES_IN_MS, rows_of
 from fembridge.results.history import History
 from fembridge.results.read_options import PA_PER_UNIT, ReadOptions, in_pa
+from fembridge.results.series import Frame, Series
 from fembridge.results.source import Source
 from fembridge.results.stress import TENSOR
-from fembridge.store import read_bytes
-from fembridge.tables import check_stress_unit, header_in, ms_per, pa_per, samples_in
+from fembridge.results.vtk_xml import VtuSeries
+from fembridge.results.xdmf import XdmfSeries
+from fembridge.store import near_hint
+from fembridge.tables import AFFERENTS, check_stress_unit, header_in, ms_per, pa_per, samples_in
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
 VALUES = ("value", *TENSOR)
 KEYS = ("time", "time_ms", *VALUES, "node", "afferent")
 
-_MOST_BYTES = 1 << 28  # of a file, and of what an NPZ or an HDF5 holds
+_MOST_BYTES = 1 << 28  # of a file
+_HEADER_BYTES = 1 << 20  # of a table, lines above its header included
 _START_BYTES = 1 << 10
+_NO_WHOLE = 2.0**53  # from here on a float is not every whole number
 _FULL = [0, 4, 8, 1, 5, 2]  # of nine, row by row
 _XDMF_ORDER = [0, 3, 5, 1, 4, 2]
-
-Arrays = Mapping[str, np.ndarray[Any, Any]]
-Frames = Iterator[tuple[float, Arrays]]
 
 
 def check_units(columns: Mapping[str, str]) -> None:
@@ -87,15 +92,19 @@ class ColumnSource(Source):
     @cached_property
     def _held(self) -> Table:
         if self.kind == "table":
-            text = self.file.peek(0, _MOST_BYTES).decode("utf-8-sig", errors="replace")
+            text = self.file.peek(0, _HEADER_BYTES).decode("utf-8-sig", errors="replace")
             return {"columns": header_in(text, self.path)[0]}
         if self.kind == "npz":
-            return {"arrays": {name: str(one.shape) for name, one in self._npz.items()}}
-        points, count, frames = self._series()
-        at, arrays = next(frames)
-        shapes = {name: str(one.shape[1:] or "") for name, one in arrays.items()}
-        held = [f"{name} {shape}".strip() for name, shape in shapes.items()]
-        return {"points": len(points), "outputs": count, "first at": at, "arrays": held}
+            with self._npz() as archive:
+                return {"arrays": shapes_text(archive.headers)}
+        with self._series() as series, series.frame(0) as first:
+            arrays = [f"{name} {shape[1:] or ''}".strip() for name, shape in first.shapes.items()]
+            return {
+                "points": series.count(),
+                "outputs": len(series.times),
+                "first at": series.times[0],
+                "arrays": arrays,
+            }
 
     def named_nodes(self) -> Sequence[int]:
         """The nodes of a table whose columns are named."""
@@ -104,39 +113,65 @@ class ColumnSource(Source):
 
     def stress(self, nodes: Sequence[int] | None) -> History:
         """Stress as the columns say, at `nodes` or all."""
-        at, number, values, afferents = self._parts
-        if not np.isfinite(at).all():
-            row = int(np.argmin(np.isfinite(at)))
-            raise ResultError(f"the time of sample {row + 1} is no number", self.path)
+        if self.kind == "vtk-series":
+            at, number, values, afferents = self._of_series(self._names, nodes)
+        else:
+            at, number, values, afferents = self._parts
+            if nodes is not None:
+                rows = self._rows(nodes, number)
+                number, values = number[rows], values[:, rows]
+                afferents = tuple(afferents[row] for row in rows) if afferents else ()
         ours = self.kind == "vtk-series" and TIMES_IN_MS.encode() in self.file.peek(0, _START_BYTES)
         in_ms = "time_ms" in self.options.columns
         to_ms = 1.0 if ours else ms_per(self._time, in_ms, self.options.note)
-        if nodes is not None:
-            wanted = np.array(nodes, dtype=np.int64)
-            rows = rows_of(wanted, number)
-            if (rows < 0).any():
-                raise ResultError(
-                    f"no node {wanted[int(np.argmin(rows))]} in it, it has {number.min()} to "
-                    f"{number.max()}",
-                    self.path,
-                )
-            number, values = wanted, values[:, rows]
-            afferents = tuple(afferents[row] for row in rows) if afferents else ()
-        found = History.of_stress(number, at * to_ms, self._stress_pa(values), self.path)
-        return replace(found, afferents=afferents)
+        with np.errstate(over="ignore"):
+            at_ms = at * to_ms
+        if not np.isfinite(at_ms).all():
+            row = int(np.argmin(np.isfinite(at_ms)))
+            raise ResultError(
+                f"the time of sample {row + 1} is {at[row]:g}, expected a finite time in ms",
+                self.path,
+            )
+        stress_pa = self._stress_pa(values)
+        if stress_pa.shape[2] == 1 and stress_pa.size and (least_pa := stress_pa.min()) < 0:
+            doubt = f"{self.path}: a von Mises stress of {least_pa:g} Pa, which is never negative"
+            warnings.warn(doubt, FembridgeWarning, stacklevel=2)
+        history = History.of_stress(number, at_ms, stress_pa, self.path)
+        return replace(history, afferents=afferents)
+
+    def _rows(self, nodes: Sequence[int], number: IntArray) -> IntArray:
+        """Rows of `nodes` in the numbers of a file, where each of them must be once."""
+        requested = np.array(nodes, dtype=np.int64)
+        rows = rows_of(requested, number)
+        if (rows < 0).any():
+            raise ResultError(
+                f"no node {requested[int(np.argmin(rows))]} in it, it has {number.min()} to "
+                f"{number.max()}",
+                self.path,
+            )
+        numbers, counts = np.unique(number[np.isin(number, requested)], return_counts=True)
+        if (counts > 1).any():
+            raise ResultError(
+                f"node {numbers[int(counts.argmax())]} is in it {counts.max()} times; without "
+                "node=NAME in --columns, nodes are numbered from 1 as they come",
+                self.path,
+            )
+        return rows
 
     def places(self) -> tuple[IntArray, FloatArray, BoolArray]:
         """Numbers and coordinates ``(n, 3)`` of the points of a series, in mm; all have stress."""
         if self.kind != "vtk-series":
             return super().places()
-        points, _, frames = self._series()
-        number = self._numbers(next(frames)[1], len(points), self.options.columns)
-        return number, points * self.options.length_mm, np.ones(len(points), dtype=np.bool_)
+        with self._series() as series, series.frame(0) as first:
+            points = series.points()
+            number = self._numbers(first, len(points), self.options.columns)
+        points_mm = np.zeros((len(points), 3))
+        points_mm[:, : points.shape[1]] = points * self.options.length_mm
+        return number, points_mm, np.ones(len(points), dtype=np.bool_)
 
     @cached_property
     def _parts(self) -> "_Parts":
-        read = {"table": self._of_table, "npz": self._of_npz}.get(self.kind, self._of_series)
-        return read(self._names)
+        return (self._of_table if self.kind == "table" else self._of_npz)(self._names)
 
     @property
     def _time(self) -> str:
@@ -165,7 +200,8 @@ class ColumnSource(Source):
         for key, name in names.items():
             timed = of_series and key in ("time", "time_ms")
             if not timed and name not in arrays and name not in words.split(", "):
-                raise ResultError(f"no column {name!r} ({key}); it holds {words}", self.path)
+                hint = near_hint(name, arrays)
+                raise ResultError(f"no column {name!r} ({key}); it holds {words}{hint}", self.path)
         return names
 
     def _stress_pa(self, values: FloatArray) -> FloatArray:
@@ -211,101 +247,143 @@ class ColumnSource(Source):
 
     # --- NPZ
 
-    @cached_property
-    def _npz(self) -> dict[str, np.ndarray[Any, Any]]:
-        try:
-            with zipfile.ZipFile(self.path) as held:
-                if sum(one.file_size for one in held.infolist()) > _MOST_BYTES:
-                    raise ResultError(f"unpacks to more than {_MOST_BYTES} bytes", self.path)
-            with np.load(self.path, allow_pickle=False) as arrays:
-                found = dict(arrays)
-        except (FembridgeError, MemoryError):
-            raise
-        except Exception as error:  # whatever zipfile, zlib and NumPy do of damage
-            raise ResultError(f"no NPZ of numbers: {str(error)[:120]}", self.path) from error
-        for name, one in found.items():
-            if not isinstance(one, np.ndarray):  # NumPy gives the bytes of what is no array
-                raise ResultError(f"no NPZ of numbers: {name} is no array", self.path)
-        return found
+    def _npz(self) -> NpzFile:
+        return NpzFile(self.path, ResultError.at(self.path))
 
     def _of_npz(self, names: Mapping[str, str]) -> "_Parts":
-        arrays = self._npz
-        held = {key: arrays[one] for key, one in names.items() if key != "afferent"}
-        for key, one in held.items():
-            if not np.can_cast(one.dtype, np.float64, "same_kind"):
-                words = f"{names[key]} is of type {one.dtype}, expected real numbers"
-                raise ResultError(words, self.path)
-        try:
-            time = np.array(arrays[self._time], dtype=np.float64).reshape(-1)
-            values = _stacked(held)
-            values = values[..., 0] if "value" in held else values
-            values = values.reshape(time.size, -1, *values.shape[2:])
-            if values.ndim == 2:
-                values = values[:, :, None]
-            values = _tensors(values, self.path)
-            number = _whole(held.get("node", np.arange(values.shape[1]) + 1), self.path)
-            if number.shape != values.shape[1:2]:
-                raise ValueError(f"{number.shape} nodes for values {values.shape}")
-        except ValueError as error:
-            raise ResultError(f"shapes do not fit: {error}", self.path) from error
-        classes = tuple(map(str, arrays[names["afferent"]])) if "afferent" in names else ()
-        return _Parts(time, number, values, classes)
+        with self._npz() as archive:
+            reals = {
+                key: archive.read_reals(name) for key, name in names.items() if key != "afferent"
+            }
+            afferents = archive.read_texts(names["afferent"]) if "afferent" in names else []
+        time = reals["time" if "time" in reals else "time_ms"]
+        if time.size != max(time.shape, default=1):
+            raise self._no_fit(f"{self._time} of shape {time.shape}, expected (T,)")
+        time = time.reshape(-1)
+        if not time.size:
+            raise ResultError("no time in it", self.path)
+        parts = []
+        for key in VALUES:
+            if key not in reals:
+                continue
+            part = reals[key]
+            if part.shape[:1] != time.shape or (key != "value" and part.ndim > 2):
+                raise self._no_fit(f"{names[key]} of shape {part.shape} for {time.size} times")
+            parts.append(part[:, None] if part.ndim == 1 else part)
+        if len({part.shape for part in parts}) > 1:
+            raise self._no_fit(f"components of a tensor {sorted({part.shape for part in parts})}")
+        values = parts[0] if parts[0].ndim > 2 else np.stack(parts, -1)
+        values = _tensors(values, self.path)
+        number = _whole(reals.get("node", np.arange(values.shape[1]) + 1), self.path)
+        if number.shape != values.shape[1:2]:
+            raise self._no_fit(f"{number.shape} nodes for values {values.shape}")
+        if afferents and len(afferents) != number.size:
+            raise self._no_fit(f"{len(afferents)} afferents for {number.size} nodes")
+        for name in afferents:
+            if name not in ("", *AFFERENTS):
+                expected = ", ".join(AFFERENTS)
+                raise ResultError(f"afferent {name[:40]!r}, expected {expected}", self.path)
+        return _Parts(time, number, values, tuple(afferents))
+
+    def _no_fit(self, problem: str) -> ResultError:
+        return ResultError(f"shapes do not fit: {problem}", self.path)
 
     # --- VTU, PVD, XDMF
 
-    def _of_series(self, names: Mapping[str, str]) -> "_Parts":
-        points, _, frames = self._series()
-        times, found = [], []
-        number: IntArray | None = None
-        for at, arrays in frames:
-            value = _stacked({key: arrays[name] for key, name in names.items() if key in VALUES})
-            value = value.reshape(len(points), -1)
-            now = self._numbers(arrays, len(points), names)
-            if number is not None and not np.array_equal(now, number):
-                raise ResultError(f"other nodes at {at:g} than before", self.path)
-            number = now
-            times.append(at)
-            found.append(_tensors(value, self.path, self.path.suffix.lower() != ".xdmf"))
-        if number is None:
+    def _series(self) -> Series:
+        series = (XdmfSeries if self.path.suffix.lower() == ".xdmf" else VtuSeries)(self.path)
+        if not series.times:
+            series.__exit__()
             raise ResultError("no time in it", self.path)
-        return _Parts(np.array(times), number, np.stack(found))
+        return series
 
-    def _numbers(self, arrays: Arrays, count: int, names: Mapping[str, str]) -> IntArray:
+    def _of_series(self, names: Mapping[str, str], nodes: Sequence[int] | None) -> "_Parts":
+        """Values at `nodes`, or at all points, of each output."""
+        with self._series() as series:
+            arrays = [names[key] for key in VALUES if key in names]
+            counts = [names["node"]] if "node" in names else []
+            outputs: dict[Hashable, int] = {}
+            keys = [series.key(output, arrays) for output in range(len(series.times))]
+            node_keys = [series.key(output, counts) for output in range(len(series.times))]
+            for output, key in enumerate(keys):
+                outputs.setdefault(key, output)
+            point_count = series.count()
+            doubts = series.doubts(arrays)
+            with series.frame(0) as first:
+                size = point_count if nodes is None else len(nodes)
+                self._check_sizes(series, first, arrays, len(outputs), size)
+                number = self._numbers(first, point_count, names)
+                rows = None if nodes is None else self._rows(nodes, number)
+            values = np.empty((len(series.times), size, 0))
+            for output, time in enumerate(series.times):
+                if (earlier := outputs[keys[output]]) < output:
+                    values[output] = values[earlier]
+                    continue
+                with series.frame(output) as frame:
+                    stress = self._frame_values(frame, arrays, point_count, time)
+                    if node_keys[output] != node_keys[0] and not np.array_equal(
+                        self._numbers(frame, point_count, names), number
+                    ):
+                        raise ResultError(f"other nodes at {time:g} than before", self.path)
+                stress = stress if rows is None else stress[rows]
+                if not output:
+                    values = np.empty((len(series.times), *stress.shape))
+                if stress.shape != values.shape[1:]:
+                    raise ResultError(
+                        f"{stress.shape[1]} components at {time:g}, before {values.shape[2]}",
+                        self.path,
+                    )
+                values[output] = stress
+        if len(outputs) < len(keys):
+            second = next(output for output, key in enumerate(keys) if outputs[key] < output)
+            first_time, time = series.times[outputs[keys[second]]], series.times[second]
+            doubts.append(f"outputs at {first_time:g} and {time:g} are the same data")
+        for doubt in doubts:
+            warnings.warn(f"{self.path}: {doubt}", FembridgeWarning, stacklevel=2)
+        selected = number if rows is None else number[rows]
+        return _Parts(np.array(series.times), selected, values)
+
+    def _check_sizes(
+        self, series: Series, first: Frame, arrays: Sequence[str], outputs: int, nodes: int
+    ) -> None:
+        """Refuse a series whose arrays unpack to more than the limits."""
+        error = ResultError.at(self.path)
+        for name in arrays:
+            if name not in first.shapes:
+                raise error(f"no {name} at {series.times[0]:g}")
+        shapes = [first.shapes[name] for name in arrays]
+        frame_bytes = 8 * (series.count() + sum(map(math.prod, shapes)))
+        check_unpacked(series.packed_bytes(), outputs * frame_bytes, "the series", error, copies=0)
+        at_node = sum(math.prod(shape[1:]) for shape in shapes)
+        history_bytes = 8 * len(series.times) * nodes * at_node
+        check_memory(COPIES * (frame_bytes + history_bytes), "the series", error)
+
+    def _frame_values(
+        self, frame: Frame, arrays: Sequence[str], points: int, time: float
+    ) -> FloatArray:
+        """Stress of an output, ``(point, component)``."""
+        columns = []
+        for name in arrays:
+            if name not in frame.shapes:
+                raise ResultError(f"no {name} at {time:g}", self.path)
+            if frame.shapes[name][:1] != (points,):
+                shape = frame.shapes[name]
+                raise ResultError(f"{name} at {time:g} has shape {shape}, not {points}", self.path)
+            columns.append(frame.read(name).reshape(points, -1))
+        if len(columns) > 1 and any(column.shape[1] != 1 for column in columns):
+            raise ResultError(f"components of a tensor at {time:g} are no scalars", self.path)
+        is_xdmf = self.path.suffix.lower() == ".xdmf" and len(columns) == 1
+        return _tensors(np.hstack(columns), self.path, not is_xdmf)
+
+    def _numbers(self, frame: Frame, count: int, names: Mapping[str, str]) -> IntArray:
+        if not count:
+            raise ResultError("no points in it", self.path)
         if "node" not in names:
             return np.arange(1, count + 1)
-        return _whole(np.reshape(arrays[names["node"]], -1), self.path)
-
-    def _series(self) -> tuple[FloatArray, int, Frames]:
-        """Points ``(P, 3)``, the count of outputs, and of each time and point arrays."""
-        path = self.path
-        with _meshio(path) as meshio:
-            if path.suffix.lower() == ".xdmf":
-                series = meshio.xdmf.TimeSeriesReader(path)
-                points, _ = series.read_points_cells()
-                count = series.num_steps
-                outputs = map(series.read_data, range(count))
-                frames: Frames = ((at, held) for at, held, _ in outputs)
-            else:
-                files = _files_of(path) if path.suffix.lower() == ".pvd" else [(0.0, path)]
-                points, count = self._mesh(files[0][1]).points, len(files)
-                frames = ((at, self._mesh(file).point_data) for at, file in files)
-            there = np.zeros((len(points), 3))
-            there[:, : points.shape[1]] = points
-        return there, count, self._checked(frames)
-
-    def _checked(self, frames: Frames) -> Frames:
-        with _meshio(self.path):
-            for at, arrays in frames:
-                for key, name in self.options.columns.items():
-                    if not key.startswith("time") and name not in arrays:
-                        raise ResultError(f"no {name} at {at:g}", self.path)
-                yield at, arrays
-
-    def _mesh(self, path: Path) -> Any:  # noqa: ANN401 - meshio has no types
-        if path.stat().st_size > _MOST_BYTES:
-            raise ResultError(f"more than {_MOST_BYTES} bytes", path)
-        with _meshio(self.path) as meshio:
-            return meshio.read(path)
+        name = names["node"]
+        if math.prod(frame.shapes.get(name, ())) != count or name not in frame.shapes:
+            raise ResultError(f"no {name} of {count} points in it", self.path)
+        return _whole(np.reshape(frame.read(name), -1), self.path)
 
 
 class _Parts(NamedTuple):
@@ -317,18 +395,16 @@ class _Parts(NamedTuple):
     afferents: tuple[str, ...] = ()
 
 
-def _whole(numbers: Any, path: Path) -> IntArray:  # noqa: ANN401 - an array of any kind
+def _whole(numbers: FloatArray | IntArray, path: Path) -> IntArray:
     """Numbers of nodes, which some programs write as reals."""
-    found = np.asarray(numbers, dtype=np.float64)
-    if not (whole := found % 1 == 0).all():
-        raise ResultError(f"node {found.flat[np.argmin(whole)]:g}, expected whole numbers", path)
-    return found.astype(np.int64)
-
-
-def _stacked(held: Mapping[str, Any]) -> FloatArray:
-    """The value, or the components of a tensor, along a last axis."""
-    parts = [np.asarray(held[key], dtype=np.float64) for key in VALUES if key in held]
-    return np.stack(parts, -1)
+    reals = np.asarray(numbers, dtype=np.float64)
+    with np.errstate(invalid="ignore"):
+        whole = (reals % 1 == 0) & (np.abs(reals) < _NO_WHOLE)
+    if not whole.all():
+        raise ResultError(f"node {reals.flat[np.argmin(whole)]:g}, expected whole numbers", path)
+    if reals.size and reals.min() < 0:
+        raise ResultError(f"node {reals.min():g}, expected 0 or more", path)
+    return reals.astype(np.int64)
 
 
 def _tensors(values: FloatArray, path: Path, vtk: bool = True) -> FloatArray:
@@ -341,31 +417,3 @@ def _tensors(values: FloatArray, path: Path, vtk: bool = True) -> FloatArray:
     if count == 9:
         return values[..., _FULL]
     return values if vtk or count == 1 else values[..., _XDMF_ORDER]
-
-
-def _files_of(path: Path) -> list[tuple[float, Path]]:
-    """Time and file of each entry of a PVD, which may not leave its folder."""
-    sets = ElementTree.fromstring(read_bytes(path, 1 << 24, UsageError)).iter("DataSet")
-    found = [(float(one.get("timestep", 0)), path.parent / one.get("file", "")) for one in sets]
-    for _, file in found:
-        if not file.resolve().is_relative_to(path.parent.resolve()):
-            raise ResultError(f"{file.name} is not in its folder", path)
-    if not found:
-        raise ResultError("no DataSet in it", path)
-    return found
-
-
-@contextmanager
-def _meshio(path: Path) -> Iterator[Any]:
-    """The library that reads `path`; whatever it does of damage is one refusal."""
-    try:
-        import meshio
-    except ImportError as error:
-        raise MissingError("no meshio to read VTK or XDMF with: pip install meshio") from error
-    try:
-        yield meshio
-    except (FembridgeError, MemoryError):
-        raise
-    except (Exception, SystemExit) as error:
-        words = f"{type(error).__name__} {error}".strip()[:120]
-        raise ResultError(f"no VTK or XDMF that can be read: {words}", path) from error

@@ -1,6 +1,6 @@
 """Whole fields of any result format: a quantity at all nodes, and the mesh they are on."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,13 @@ from fembridge.results.stress import DERIVED, TENSOR
 from fembridge.store import replacing
 from fembridge.tables import write_table
 from fembridge.trace import MS_PER_S
-from fembridge.typing import FloatArray, IntArray
+from fembridge.typing import BoolArray, FloatArray, IntArray
 
 Key = tuple[int, int]  # step and increment, or mode
 
 VERTEX = "vertex"  # kind of a cell that is a node alone
 TIMES_IN_MS = "<!-- fembridge: times in ms -->"  # of our PVD; others' have s
+_LARGEST_NODE = 1 << 62
 FIELD_SUFFIXES = (".npz", ".csv")
 
 
@@ -83,7 +84,7 @@ class Field:
 
     def at(self, nodes: Sequence[int]) -> FloatArray:
         """Values at `nodes`, ``(node, component)``; of duplicates the first."""
-        rows = rows_of(np.asarray(nodes, dtype=np.int64), self.nodes)
+        rows = rows_of(np.array(node_numbers(nodes), dtype=np.int64), self.nodes)
         if (rows < 0).any():
             raise UsageError(
                 f"{self.name} of step {self.step}, increment {self.increment} has no node "
@@ -161,6 +162,26 @@ def arrays_of(field: Field) -> dict[str, FloatArray]:
     return {f"{field.name}_{name}": column for name, column in columns}
 
 
+def node_numbers(nodes: Iterable[int]) -> list[int]:
+    """`nodes` as whole numbers.
+
+    Raises
+    ------
+    UsageError
+        One is no whole number, or beyond 2⁶², which no solver has.
+    """
+    numbers = []
+    for node in nodes:
+        try:
+            number = int(node)
+        except (TypeError, ValueError, OverflowError):
+            number = _LARGEST_NODE + 1
+        if number != node or abs(number) > _LARGEST_NODE:
+            raise UsageError(f"node {node}: expected a whole number up to {_LARGEST_NODE}")
+        numbers.append(number)
+    return numbers
+
+
 def rows_of(wanted: IntArray, held: IntArray) -> IntArray:
     """Row in `held` of each of `wanted`, any shape; -1 where absent, of duplicates the first."""
     if not held.size:
@@ -169,6 +190,15 @@ def rows_of(wanted: IntArray, held: IntArray) -> IntArray:
     place = np.searchsorted(held, wanted, sorter=order)
     rows: IntArray = order[np.minimum(place, order.size - 1)]
     return np.where(held[rows] == wanted, rows, -1)
+
+
+def is_in_sorted(numbers: IntArray, rising: IntArray) -> BoolArray:
+    """Whether each of `numbers` is among those `rising`."""
+    if not rising.size:
+        return np.zeros(numbers.shape, dtype=np.bool_)
+    places = np.minimum(np.searchsorted(rising, numbers), rising.size - 1)
+    inside: BoolArray = rising[places] == numbers
+    return inside
 
 
 def numbers_near(held: IntArray, absent: int) -> str:

@@ -26,9 +26,11 @@ mm, ms and Pa, for stresses and for energy densities (1 Pa is 1 J/m³).
 """
 
 import re
-from collections.abc import Collection, Iterator, Sequence
+from array import array
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -50,6 +52,7 @@ from fembridge.results.fields import (
     Key,
     Scene,
     SceneCells,
+    is_in_sorted,
     numbers_near,
     rows_of,
 )
@@ -58,7 +61,7 @@ from fembridge.results.read_options import ReadOptions
 from fembridge.results.source import FieldSource, field_of, not_finite
 from fembridge.results.status import StaRow, read_sta
 from fembridge.results.stress import OneSidedStress, clear_shear
-from fembridge.trace import MS_PER_S
+from fembridge.trace import MS_PER_S, seconds_to_ms
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
 STRESS, DISPLACEMENT = "STRESS", "DISP"
@@ -66,6 +69,7 @@ COMPONENTS = {
     STRESS: ("SXX", "SYY", "SZZ", "SXY", "SYZ", "SZX"),
     DISPLACEMENT: ("D1", "D2", "D3"),
 }
+_KIN = {*COMPONENTS, "STRPOS", "STRMID", "STRNEG", "ZZSTR", "STRESSI", "DISPI", "MSTRESS", "MDISP"}
 KIND_OF_TYPE = {
     1: "hex8", 2: "wedge6", 3: "tet4", 4: "hex20", 5: "wedge15", 6: "tet10",
     7: "tri3", 8: "tri6", 9: "quad4", 10: "quad8", 11: "line2", 12: "line3",
@@ -73,6 +77,8 @@ KIND_OF_TYPE = {
 NODES_OF_TYPE = {number: int(re.sub(r"\D", "", kind)) for number, kind in KIND_OF_TYPE.items()}
 UNKNOWN_MATERIAL = -1  # an old file has a word in place of the number
 
+_MOST_CHANGES = 5  # of nodes that are noted
+_CONTACT = re.compile("P?CONTACI?|CELS")  # of springs that open and close
 _STEP, _END_LINE = b"    1PSTEP", b" 9999"
 _AFTER_A_BLOCK = (b"    1P", _END_LINE, b"  100C", b"    2C", b"    3C")
 _STEP_OF_ITERATIONS = re.compile(rb"STP *(\d+)INC *(\d+)")
@@ -88,9 +94,12 @@ _LONG_FIELD = re.compile(
     rb"|1\.#[A-Za-z]+|[Nn][Aa][Nn]|[Ii][Nn][Ff](?:inity)?)"
 )
 _LONG_FIELDS = re.compile(rb"(?:%s)+ *" % _LONG_FIELD.pattern)
+_SHORT_FIELD = re.compile(rb"\d\.\d{5}[Ee][+-]\d{2}")  # a blank or a sign is lost before it
+_EXPONENT = re.compile(rb"[Ee][+-](?:(0)\d\d(?!\.)|\d\d(?!\d(?!\.)))")
 _NO_LINE_END = bytes.maketrans(b"\r\0", b"  ")
 _SEEK_BYTES = 1 << 16  # records within so few bytes are read in one go
 _FEW_NODES = 64  # whose elements are sought before they are converted
+_LONGEST_ELEMENT_LINE = 400  # bytes; ten numbers of ten characters, and what others add
 _MESH_BYTES = 1 << 17  # of printed elements at a time
 _TEXT_BYTES = 3 << 17  # of a block at a time
 _HEADING_BYTES = 4096  # in which a heading is sought
@@ -144,15 +153,15 @@ class RecordForm:
 
 @cache
 def _form(name: str, stored: tuple[str, ...], flag: int, line_end: int) -> RecordForm:
-    usual = [one for one in COMPONENTS.get(name, ()) if one in stored]
-    components = (*usual, *(one for one in stored if one not in usual))
+    standard = [component for component in COMPONENTS.get(name, ()) if component in stored]
+    components = (*standard, *(component for component in stored if component not in standard))
     if name in _UNIT_OF_MAGNITUDE:
-        of = {"MAG": _UNIT_OF_MAGNITUDE[name], "PHA": "deg"}
-        units = tuple(of.get(one[:3], "") for one in components)
+        unit_of_part = {"MAG": _UNIT_OF_MAGNITUDE[name], "PHA": "deg"}
+        units = tuple(unit_of_part.get(component[:3], "") for component in components)
     else:
         plain = _UNIT_OF_QUANTITY.get(name.removesuffix("I"), "")
         plain = _UNIT_OF_QUANTITY.get(name, plain)
-        units = tuple(_UNIT_OF_COMPONENT.get(one, plain) for one in components)
+        units = tuple(_UNIT_OF_COMPONENT.get(component, plain) for component in components)
     is_text, spans = flag < 2, list[tuple[int, int]]()
     id_width = (5, 10, 4, 4)[flag]
     head_bytes = id_width + _MARK * is_text
@@ -162,7 +171,7 @@ def _form(name: str, stored: tuple[str, ...], flag: int, line_end: int) -> Recor
         stop = start + _FIELD * min(_VALUES_A_LINE, len(stored) - first)
         spans.append((start, stop))
         record_bytes = stop + line_end
-    order = [stored.index(one) for one in components]
+    order = [stored.index(component) for component in components]
     return RecordForm(
         flag, is_text, stored, components, units, order, record_bytes, head_bytes, id_width,
         spans, line_end,
@@ -258,14 +267,42 @@ class FrdIndex:
                 harm.key = self._key
                 harm.problem = "header of step {}, increment {}: ".format(*self._key) + harm.problem
             self.damage.append(harm)
-        for one in self.damage:
-            if one.block is None:
-                one.problem += f" (byte {one.offset} of {file.size})"
+        for damage in self.damage:
+            if damage.block is None:
+                damage.problem += f" (byte {damage.offset} of {file.size})"
+        self.remarks += self._contradictions()
         parts = {imaginary(block.name) for block in self.blocks}
         complex_ones = {block.key for block in self.blocks if block.name in parts}
         for block in self.blocks if complex_ones else ():
             if block.axis == TIME and block.key in complex_ones:
                 block.axis = FREQUENCY
+
+    def _contradictions(self) -> list[str]:
+        """What the headers of the blocks say against each other."""
+        remarks: dict[str, str] = {}  # the first of a kind
+        firsts: dict[str, FrdBlock] = {}
+        for block in self.blocks:
+            first = firsts.setdefault(block.name, block)
+            stored = set(block.components)
+            if block.form.stored != first.form.stored:
+                remarks.setdefault("later", f"{block} has not the components of {first}")
+            expected = COMPONENTS.get(block.name)
+            if expected and not stored & {"MAG1", *expected} >= set(expected) and block is first:
+                message = f"{block} has the components {', '.join(block.components)}"
+                remarks.setdefault("components", f"{message}, expected {', '.join(expected)}")
+            for name in COMPONENTS if block is first and block.name not in _KIN else ():
+                if block.name != name and stored == set(COMPONENTS[name]):
+                    message = f"{block.name} is no known quantity and has the components of {name}"
+                    remarks.setdefault("name", message)
+        for before, block in pairwise(self.blocks):
+            if block.key == before.key and block.value != before.value:
+                message = f"{before} is at {before.value:g}, {block} at {block.value:g}"
+                remarks.setdefault("value", message)
+            rises = block.key >= before.key and (block.modal or block.value >= before.value)
+            if not rises and not any("LAST ITERATIONS" in remark for remark in self.remarks):
+                message = f"{block} at {block.value:g} comes after {before} at {before.value:g}"
+                remarks.setdefault("order", message)
+        return list(remarks.values())
 
     def named(self, name: str) -> list[FrdBlock]:
         """Blocks of one quantity, in file order."""
@@ -281,49 +318,57 @@ class FrdIndex:
         if self.ended and not self.damage:
             return None
         if not self.blocks and not self.damage:
-            what = f"header only ({self.size} bytes): the solver stopped before its first output"
+            summary = f"header only ({self.size} bytes): the solver stopped before its first output"
             if self.nodes is not None:
-                what = "mesh only, no results: the solver stopped at its start"
-            return f"{what}; look in the .sta file and the solver's log for its reason"
-        words = [harm.problem for harm in self.damage]
-        held: dict[Key, dict[str, FrdBlock]] = {}
+                summary = "mesh only, no results: the solver stopped at its start"
+            return f"{summary}; look in the .sta file and the solver's log for its reason"
+        problems = [harm.problem for harm in self.damage]
+        blocks_by_key: dict[Key, dict[str, FrdBlock]] = {}
         for block in self.blocks:
-            held.setdefault(block.key, {}).setdefault(block.name, block)
+            blocks_by_key.setdefault(block.key, {}).setdefault(block.name, block)
         damaged = {harm.key for harm in self.damage}
-        whole = [key for key in held if key not in damaged]
+        whole_keys = [key for key in blocks_by_key if key not in damaged]
         if not self.ended:
-            words.append("no end line 9999: the run did not end normally")
+            problems.append("no end line 9999: the run did not end normally")
             # The increment at which a run diverged has DISP and no STRESS; one that was
             # cut lacks what was not written yet.
-            (before, last), lost = whole[-2:] if len(whole) > 1 else ((0, 0), (0, 0)), set[str]()
+            (before, last), lost = (
+                whole_keys[-2:] if len(whole_keys) > 1 else ((0, 0), (0, 0)),
+                set[str](),
+            )
             if before[0] == last[0] != 0:
-                lost = held[before].keys() - held[last].keys()
+                lost = blocks_by_key[before].keys() - blocks_by_key[last].keys()
             if lost:
-                whole.pop()
+                whole_keys.pop()
             attempts = attempts_of(self.file.path)
             if attempts and (row := attempts[-1]).failed:
-                words.append(
+                problems.append(
                     f"increment {row.increment} of step {row.step} did not converge "
                     f"(.sta: attempt {row.attempt} failed)"
                 )
             elif lost and not self.damage:
-                words.append(
-                    f"increment {last[1]} of step {last[0]} has {', '.join(held[last])} "
+                problems.append(
+                    f"increment {last[1]} of step {last[0]} has {', '.join(blocks_by_key[last])} "
                     f"and no {', '.join(sorted(lost))}: it did not converge"
                 )
-        if whole:
-            (step, increment), block = whole[-1], next(iter(held[whole[-1]].values()))
-            words.append(f"last whole increment: {increment} of step {step}, {block.time_ms:g} ms")
+        if whole_keys:
+            (step, increment), block = (
+                whole_keys[-1],
+                next(iter(blocks_by_key[whole_keys[-1]].values())),
+            )
+            problems.append(
+                f"last whole increment: {increment} of step {step}, {block.time_ms:g} ms"
+            )
         elif self.blocks:
-            words.append("no whole increment")
-        return "; ".join(words)
+            problems.append("no whole increment")
+        return "; ".join(problems)
 
-    def _line(self, at: int, of: str = "") -> tuple[bytes, int]:
+    def _line(self, at: int, prefix: str = "") -> tuple[bytes, int]:
         """The line at `at` without its end, and where the next begins."""
-        found = self.file.line(at)
-        if found is None:
-            raise FrdDamageError(f"{of}{self.file.why_no_line(at)}", at)
-        return found
+        line_and_next = self.file.line(at)
+        if line_and_next is None:
+            raise FrdDamageError(f"{prefix}{self.file.why_no_line(at)}", at)
+        return line_and_next
 
     def _next(self, at: int) -> int:
         """Read what begins at `at`; where the next begins."""
@@ -351,11 +396,11 @@ class FrdIndex:
                 step, increment = _counts(line, (48, 60), (36, 48))
                 number, before = line[10:36].strip(), self._count
                 self._count = int(number) if number.isdigit() else None
-                words = "blocks are missing, duplicate or not in order: number "
-                known = before is not None and self._count not in (None, before + 1)
-                if known and not any(remark.startswith(words) for remark in self.remarks):
-                    words += f"{self._count}, of step {step}, increment {increment}, "
-                    self.remarks.append(f"{words}comes after {before}")
+                message = "blocks are missing, duplicate or not in order: number "
+                out_of_order = before is not None and self._count not in (None, before + 1)
+                if out_of_order and not any(remark.startswith(message) for remark in self.remarks):
+                    message += f"{self._count}, of step {step}, increment {increment}, "
+                    self.remarks.append(f"{message}comes after {before}")
             self._key = step, increment
             if line[24:27] == b"STP" and not self.remarks:
                 self.remarks.append(
@@ -403,8 +448,8 @@ class FrdIndex:
             present, end = file.count(b"\n -1", after - 1, closed), last[1]
             odd = not announced or present < announced or present % announced
             if announced not in (-1, present) and odd:
-                words = f"{block}: {announced} records announced, {present} present"
-                self.damage.append(FrdDamageError(words, self._at))
+                message = f"{block}: {announced} records announced, {present} present"
+                self.damage.append(FrdDamageError(message, self._at))
                 return end
         else:
             astray = f"{block}: its count does not lead to its end"
@@ -431,11 +476,12 @@ class FrdIndex:
         if self._key is None:
             raise ValueError("100CL without a 1PSTEP line that gives step and increment")
         step, increment = self._key
-        text, word = line[12:24].strip(), line[56:58].strip()
+        text, analysis_text = line[12:24].strip(), line[56:58].strip()
         if not _TIME.fullmatch(text):
             raise ValueError(f"time {line[12:24]!r}")
+        seconds_to_ms(float(text))
         [flag] = _counts(line, (73, 75))
-        [analysis] = _counts(line, (56, 58)) if word else [_STATIC]
+        [analysis] = _counts(line, (56, 58)) if analysis_text else [_STATIC]
         modal = analysis in (_FREQUENCY, _BUCKLING) or line[63:73].strip() == b"MODAL"
         axis = TIME if analysis in (_STATIC, _DYNAMIC) else "number of the analysis"
         if modal:
@@ -471,9 +517,9 @@ class FrdIndex:
     def _name_lines(self, offset: int) -> tuple[bytes, str, tuple[str, ...], int]:
         """The ``-4`` and ``-5`` lines at `offset`: text, name, components, line end."""
         first, at = self._line(offset)
-        known = self._names.get(first)
-        if known is not None and self.file.peek(offset, len(known[0])) == known[0]:
-            return known
+        cached = self._names.get(first)
+        if cached is not None and self.file.peek(offset, len(cached[0])) == cached[0]:
+            return cached
         name, [announced] = first[5:13].decode("ascii").strip(), _counts(first, (13, 18))
         if not first.startswith(b" -4") or not name:
             raise ValueError(f"{first[:40]!r} where a name is expected")
@@ -497,9 +543,9 @@ class FrdIndex:
         closing = b"\n -3\r\n" if block.form.line_end == 2 else b"\n -3\n"
         if block.records >= 0 and self.file.peek(block.end - 1, len(closing)) == closing:
             return block, block.end - 1 + len(closing), ""
-        found = self.file.find(b"\n -3", block.offset - 1)
-        last = None if found is None else self.file.line(found + 1)
-        at = self.size if found is None else found
+        marker_at = self.file.find(b"\n -3", block.offset - 1)
+        last = None if marker_at is None else self.file.line(marker_at + 1)
+        at = self.size if marker_at is None else marker_at
         begun = self.file.count(b"\n -1", block.offset - 1, at)
         if last is None:
             raise self._cut(block, begun)
@@ -516,15 +562,17 @@ class FrdIndex:
 
     def _cut(self, block: FrdBlock, begun: int) -> FrdDamageError:
         """The damage of a block that the file ends in, after `begun` records at most."""
-        whole = min((self.size - block.offset) // block.form.record_bytes, begun)
-        of = "" if block.records < 0 else f"{block.records} "
-        words = f"{block} is cut at byte {self.size}, after {whole} of {of}records"
-        return FrdDamageError(words, self.size, block, whole)
+        whole_records = min((self.size - block.offset) // block.form.record_bytes, begun)
+        announced = "" if block.records < 0 else f"{block.records} "
+        message = f"{block} is cut at byte {self.size}, after {whole_records} of {announced}records"
+        return FrdDamageError(message, self.size, block, whole_records)
 
     def _boundary(self, at: int) -> bool:
         """Whether what follows a block begins at `at`, or the file ends there."""
-        found = self.file.peek(at, 6)
-        return any(found.startswith(one) or one.startswith(found) for one in _AFTER_A_BLOCK)
+        start = self.file.peek(at, 6)
+        return any(
+            start.startswith(marker) or marker.startswith(start) for marker in _AFTER_A_BLOCK
+        )
 
 
 def node_ids(file: ByteFile, block: FrdBlock) -> IntArray:
@@ -533,7 +581,7 @@ def node_ids(file: ByteFile, block: FrdBlock) -> IntArray:
         return irregular_records(file, block)[0]
     if not block.records:
         return np.empty(0, dtype=np.int64)
-    step = max(1, 4 * CHUNK_BYTES // block.form.record_bytes)
+    step = max(1, _TEXT_BYTES // block.form.record_bytes)
     return np.concatenate(
         [
             record_ids(file.path, [block], characters_of(file, block, first, step), first)
@@ -583,15 +631,15 @@ def record_ids(
         mark, after = b" -1", form.head_bytes
         ids, fine = fixed_integers(characters[:, _MARK:after])
         for start, end in form.spans:
-            for place, character in enumerate(mark, start=start - after):
-                fine &= characters[:, place] == character
+            for column, character in enumerate(mark, start=start - after):
+                fine &= characters[:, column] == character
             fine &= characters[:, end + form.line_end - 1] == ord("\n")
             mark = b" -2"  # on every line but the first
     if not fine.all():
         row = int(np.argmin(fine))
-        which, number = divmod(row, len(characters) // len(blocks))
+        block_index, number = divmod(row, len(characters) // len(blocks))
         raise ResultError(
-            f"{blocks[which]}: record {first + number + 1} of {blocks[which].records} "
+            f"{blocks[block_index]}: record {first + number + 1} of {blocks[block_index].records} "
             f"begins with {characters[row, : _MARK + 10].tobytes()!r}, or is not as long as the "
             "others",
             path,
@@ -626,24 +674,39 @@ def irregular_records(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatA
     many for the field, so that nothing is where it should be. A field then is what has
     the form of a number; there is a blank or a sign in front of it, or nothing.
     """
-    found = file.find(b"\n -3", block.offset - 1)
-    text = file.take(block.offset, (file.size if found is None else found + 1) - block.offset)
-    head, nodes, values = block.form.head_bytes, list[int](), list[list[float]]()
-    for line in text.splitlines():
-        mark, front, rest = line[:_MARK], line[_MARK:head].strip(), line[head:]
-        if mark == b" -1" and front.isdigit():
-            nodes.append(int(front))
-            values.append([])
-            mark, front = b" -2", b""
-        if (mark, front) != (b" -2", b"") or not nodes or not _LONG_FIELDS.fullmatch(rest):
-            words = f"record {len(nodes)} of {block.records} has {line[:24]!r}"
-            raise ResultError(f"{block}: {words}", file.path)
-        values[-1] += map(_number, _LONG_FIELD.findall(rest))
-    counts = {len(row) for row in values}
-    if len(nodes) != block.records or counts != {len(block.form.stored)}:
-        words = f"{len(nodes)} of {block.records} records, of {counts} values"
-        raise ResultError(f"{block}: {words}", file.path)
-    return np.array(nodes, dtype=np.int64), np.array(values)
+    closing_at = file.find(b"\n -3", block.offset - 1)
+    at, end = block.offset, file.size if closing_at is None else closing_at + 1
+    head, nodes, values = block.form.head_bytes, array("q"), array("d")
+    width = len(block.form.stored)
+    counts: set[int] = set()  # of values in the records that are whole
+    exponents: set[bool] = set()  # whether they are filled up to three digits: all or none
+    while at < end:
+        text = file.take(at, min(_TEXT_BYTES, end - at))
+        text = text if at + len(text) == end else text[: text.rfind(b"\n") + 1]
+        if not text:
+            raise ResultError(f"{block}: no line at byte {at}", file.path)
+        at += len(text)
+        for line in text.splitlines():
+            mark, front, rest = line[:_MARK], line[_MARK:head].strip(), line[head:]
+            if mark == b" -1" and front.isdigit():
+                if nodes:
+                    counts.add(len(values) - width * (len(nodes) - 1))
+                nodes.append(int(front))
+                mark, front = b" -2", b""
+            is_whole = (mark, front) == (b" -2", b"") and nodes and counts <= {width}
+            fields = _LONG_FIELD.findall(rest)
+            is_whole = is_whole and _LONG_FIELDS.fullmatch(rest) is not None
+            if not is_whole or any(map(_SHORT_FIELD.fullmatch, fields)):
+                message = f"record {len(nodes)} of {block.records} has {line[:24]!r}"
+                raise ResultError(f"{block}: {message}", file.path)
+            values.extend(map(_number, fields))
+            exponents.update(map(bool, _EXPONENT.findall(rest)))
+    if len(nodes) != block.records or len(values) != width * len(nodes):
+        message = f"{len(nodes)} of {block.records} records, {len(values)} values"
+        raise ResultError(f"{block}: {message}", file.path)
+    if len(exponents) > 1:
+        raise ResultError(f"{block}: exponents of two digits and of three, as E-030", file.path)
+    return np.array(nodes, dtype=np.int64), np.array(values).reshape(-1, width)
 
 
 def _floats(fields: Characters) -> FloatArray:
@@ -654,8 +717,8 @@ def _floats(fields: Characters) -> FloatArray:
     ValueError
         A field is no number: its row, its column, and what it is.
     """
-    values, usual = fixed_floats(fields.reshape(-1, _FIELD))
-    for row in np.flatnonzero(~usual).tolist():
+    values, parsed = fixed_floats(fields.reshape(-1, _FIELD))
+    for row in np.flatnonzero(~parsed).tolist():
         try:
             values[row] = _number(fields.reshape(-1, _FIELD)[row].tobytes())
         except ValueError as error:
@@ -688,7 +751,7 @@ def element_rows(
         yield from (rows for rows, _ in packed_elements(file, elements.offset, elements.records))
         return
     width, at = 5 if elements.flag == 0 else 10, elements.offset
-    wanted = [b"%*d" % (width, node) for node in nodes]
+    node_fields = [b"%*d" % (width, node) for node in nodes]
     while at < elements.end:
         text = file.take(at, min(_MESH_BYTES, elements.end - at))
         if at + len(text) < elements.end:  # a chunk ends before the head of an element
@@ -696,7 +759,7 @@ def element_rows(
         if not text:
             raise ResultError(f"element block: no element at byte {at}", file.path)
         at += len(text)
-        if not wanted or any(node in text for node in wanted):
+        if not node_fields or any(node in text for node in node_fields):
             lines = text.split(b"\n")[: -2 if at == elements.end else -1]  # without -3
             if lines:
                 yield from _elements_of_lines(lines, width, file.path)
@@ -719,12 +782,12 @@ def packed_elements(file: ByteFile, offset: int, records: int) -> Iterator[tuple
             raise ResultError(f"element block: cut: {records} elements announced", file.path)
         look, same = 16, 1
         while same and done < records and at + width <= file.size:
-            some = min(look, records - done, CHUNK_BYTES // width, (file.size - at) // width)
-            words = np.frombuffer(file.take(at, some * width), "<i4").reshape(some, -1)
-            of_kind = words[:, 1] == kind
-            same = some if of_kind.all() else int(np.argmin(of_kind))
+            count = min(look, records - done, CHUNK_BYTES // width, (file.size - at) // width)
+            table = np.frombuffer(file.take(at, count * width), "<i4").reshape(count, -1)
+            of_kind = table[:, 1] == kind
+            same = count if of_kind.all() else int(np.argmin(of_kind))
             if same:
-                rows = words[:same].astype(np.int64)
+                rows = table[:same].astype(np.int64)
                 at, done = at + same * width, done + same
                 yield ElementRows(kind, rows[:, 0], rows[:, 3], rows[:, 4:]), at
             look *= 4
@@ -732,73 +795,88 @@ def packed_elements(file: ByteFile, offset: int, records: int) -> Iterator[tuple
 
 def _elements_of_lines(lines: list[bytes], width: int, path: Path) -> Iterator[ElementRows]:
     """Printed elements: a line `` -1`` of id, type, group, material; lines `` -2`` of nodes."""
+    longest = max(map(len, lines))
+    if longest > _LONGEST_ELEMENT_LINE:
+        raise ResultError(f"element block: a line of {longest} bytes", path)
     table = np.array(lines)
     size = max(table.itemsize, _MARK + max(width + 15, 10 * width))
     characters = table.astype(f"S{size}").view(np.uint8).reshape(-1, size)
     marks = table.astype(f"S{_MARK}")
     heads, tails = marks == b" -1", marks == b" -2"
     at_type = _MARK + width
-    ids, fine = fixed_integers(characters[heads, _MARK:at_type])
-    kind, good = fixed_integers(characters[heads, at_type : at_type + 5])
-    material, known = fixed_integers(characters[heads, at_type + 10 : at_type + 15])
-    material[~known] = UNKNOWN_MATERIAL
+    ids, ids_ok = fixed_integers(characters[heads, _MARK:at_type])
+    kind, kinds_ok = fixed_integers(characters[heads, at_type : at_type + 5])
+    material, has_material = fixed_integers(characters[heads, at_type + 10 : at_type + 15])
+    material[~has_material] = UNKNOWN_MATERIAL
     # Fields of a line that are not blank, and to which element they belong.
     fields = characters[tails, _MARK : _MARK + 10 * width].reshape(-1, width)
     text = fields.tobytes().translate(_NO_LINE_END)
     filled = np.frombuffer(text, f"S{width}") != b" " * width
-    nodes, whole = fixed_integers(fields[filled])
+    nodes, nodes_ok = fixed_integers(fields[filled])
     element = np.repeat(np.cumsum(heads)[tails] - 1, 10)[filled]
     counts = np.bincount(element[element >= 0], minlength=kind.size)
-    checks = (heads[:1], heads | tails, fine, good, whole, counts > 0)
-    if not all(one.all() for one in checks):
+    checks = (heads[:1], heads | tails, ids_ok, kinds_ok, nodes_ok, counts > 0)
+    if not all(check.all() for check in checks):
         odd = int(np.argmin(heads | tails))
         raise ResultError(f"element block: {lines[odd][:80]!r} is no element", path)
-    for one in dict.fromkeys(zip(kind.tolist(), counts.tolist(), strict=True)):
-        rows = (kind == one[0]) & (counts == one[1])
-        corners = nodes[rows[element]].reshape(-1, one[1])
-        yield ElementRows(one[0], ids[rows], material[rows], corners)
+    for kind_and_count in dict.fromkeys(zip(kind.tolist(), counts.tolist(), strict=True)):
+        rows = (kind == kind_and_count[0]) & (counts == kind_and_count[1])
+        corners = nodes[rows[element]].reshape(-1, kind_and_count[1])
+        yield ElementRows(kind_and_count[0], ids[rows], material[rows], corners)
 
 
-def values_at(file: ByteFile, blocks: Sequence[FrdBlock], nodes: Sequence[int]) -> FloatArray:
+def values_at(
+    file: ByteFile,
+    blocks: Sequence[FrdBlock],
+    nodes: Sequence[int],
+    check: Callable[[FrdBlock, IntArray], object] = lambda *_: None,
+) -> FloatArray:
     """Values of `blocks` of one quantity at `nodes`, ``(T, node, component)``.
 
     Nodes are in the order of the deck's set: not sorted, some duplicate. The rows of the
     wanted nodes are found once and tried on the next block; the id in front of each
     record says whether they are still right, and if not they are sought again. Blocks of
-    one form are converted together.
+    one form are converted together. `check` gets each block whose nodes are all read.
     """
-    wanted = np.array(nodes, dtype=np.int64)
-    values = np.empty((len(blocks), wanted.size, len(blocks[0].components)))
+    requested = np.array(nodes, dtype=np.int64)
+    values = np.empty((len(blocks), requested.size, len(blocks[0].components)))
     rows = np.empty(0, dtype=np.int64)
     heads = np.empty((0, 0), dtype=np.uint8)
     form: RecordForm | None = None
     by_form: dict[RecordForm, list[tuple[int, Characters]]] = {}
-    for at, block in enumerate(blocks):
-        before, form, found = form, block.form, None
+    for index, block in enumerate(blocks):
+        before, form, gathered = form, block.form, None
         if form is before and not block.free and rows.max() < block.records:
-            found = _gather(file, block, rows)
-        if found is None or not np.array_equal(found[:, : form.head_bytes], heads):
+            gathered = _gather(file, block, rows)
+        if gathered is None or not np.array_equal(gathered[:, : form.head_bytes], heads):
             ids = node_ids(file, block)
-            rows = rows_of(wanted, ids)
+            check(block, ids)
+            rows = rows_of(requested, ids)
             if (rows < 0).any():
-                absent, held = wanted[int(np.argmin(rows))], np.unique(ids)
-                words = f"{absent} has no record in {block}: {held.size} nodes, {held[0]} to "
-                words += f"{held[-1]}; nearest {numbers_near(held, absent)}"
-                raise ResultError(f"node {words}", file.path)
+                absent, available = requested[int(np.argmin(rows))], np.unique(ids)
+                message = (
+                    f"{absent} has no record in {block}: {available.size} nodes, {available[0]} to "
+                )
+                message += f"{available[-1]}; nearest {numbers_near(available, absent)}"
+                raise ResultError(f"node {message}", file.path)
             if block.free:
-                values[at] = irregular_records(file, block)[1][rows][:, block.form.order]
+                values[index] = irregular_records(file, block)[1][rows][:, block.form.order]
                 continue
-            found = _gather(file, block, rows)
-            heads = found[:, : form.head_bytes]
-        by_form.setdefault(form, []).append((at, found))
-    for taken in by_form.values():
-        places, tables = zip(*taken, strict=True)
-        of = [blocks[at] for at in places]
+            gathered = _gather(file, block, rows)
+            heads = gathered[:, : form.head_bytes]
+        by_form.setdefault(form, []).append((index, gathered))
+    for entries in by_form.values():
+        places, tables = zip(*entries, strict=True)
+        form_blocks = [blocks[index] for index in places]
         characters = np.concatenate(tables)
-        if (record_ids(file.path, of, characters) != np.tile(wanted, len(of))).any():
-            raise ResultError(f"{of[0]}: records changed while read", file.path)
-        found_values = record_values(file.path, of, characters)[:, of[0].form.order]
-        values[list(places)] = found_values.reshape(len(of), wanted.size, -1)
+        if (
+            record_ids(file.path, form_blocks, characters) != np.tile(requested, len(form_blocks))
+        ).any():
+            raise ResultError(f"{form_blocks[0]}: records changed while read", file.path)
+        values_of_form = record_values(file.path, form_blocks, characters)[
+            :, form_blocks[0].form.order
+        ]
+        values[list(places)] = values_of_form.reshape(len(form_blocks), requested.size, -1)
     return values
 
 
@@ -815,20 +893,20 @@ def _gather(file: ByteFile, block: FrdBlock, rows: IntArray) -> Characters:
 def materials_at(index: FrdIndex, nodes: Sequence[int] | IntArray) -> IntArray:
     """Each of `nodes` with each material of an element there, ``(M, 2)``, rising."""
     pairs = [np.empty((0, 2), dtype=np.int64)]
-    wanted = np.unique(np.asarray(nodes, dtype=np.int64))
-    if index.elements is not None and wanted.size:
-        few = wanted.tolist() if wanted.size <= _FEW_NODES else ()
+    requested = np.unique(np.asarray(nodes, dtype=np.int64))
+    if index.elements is not None and requested.size:
+        few = requested.tolist() if requested.size <= _FEW_NODES else ()
         for rows in element_rows(index.file, index.elements, few):
-            element, corner = np.nonzero(np.isin(rows.corners, wanted))
+            element, corner = np.nonzero(np.isin(rows.corners, requested))
             pairs.append(np.stack([rows.corners[element, corner], rows.material[element]], 1))
     return np.unique(np.concatenate(pairs), axis=0)
 
 
 def attempts_of(path: Path) -> list[StaRow]:
     """Attempts at increments in the ``.sta`` beside; none where it cannot be read."""
-    beside = path.with_suffix(".sta")
+    sta_path = path.with_suffix(".sta")
     try:
-        return read_sta(beside) if beside.exists() else []
+        return read_sta(sta_path) if sta_path.exists() else []
     except (ResultError, OSError):
         return []
 
@@ -842,8 +920,8 @@ def _counts(line: bytes, *places: tuple[int, int]) -> list[int]:
     """The counts at `places` of a header; not what Python calls an integer, as ``1_0``."""
     for start, end in places:
         if not line[start:end].strip().isdigit():
-            found = line[start:end].decode("latin-1")
-            raise ValueError(f"{found!r} where a count is expected in {line[:12].strip()!r}")
+            field = line[start:end].decode("latin-1")
+            raise ValueError(f"{field!r} where a count is expected in {line[:12].strip()!r}")
     return [int(line[start:end]) for start, end in places]
 
 
@@ -868,6 +946,8 @@ class FrdSource(FieldSource[FrdBlock]):
     def __init__(self, file: ByteFile, options: ReadOptions) -> None:
         super().__init__(file, options)
         self._index = FrdIndex(file)
+        self._last_nodes: dict[str, tuple[FrdBlock, IntArray]] = {}  # by quantity
+        self._changes = 0  # of nodes, within a step
 
     def unit_system(self) -> UnitSystem | None:
         """That of the deck's heading, which CalculiX copies to the start of its results."""
@@ -878,7 +958,7 @@ class FrdSource(FieldSource[FrdBlock]):
         from fembridge.results.nodes import sets_beside
 
         index = self._index
-        words = (self.file.change, index.problem())
+        problems = (self.file.change, index.problem())
         storage = ("ASCII", "ASCII", "float32", "float64")
         quantities = []
         for name in index.names:
@@ -892,14 +972,18 @@ class FrdSource(FieldSource[FrdBlock]):
             "sets": sets_beside(self.path),
             "quantities": quantities,
             "remarks": list(index.remarks),
-            "problem": "; ".join(word for word in words if word) or None,
+            "problem": "; ".join(problem for problem in problems if problem) or None,
         }
 
     def _nodes_of(self, block: FrdBlock) -> IntArray:
         """Its nodes, each once; those of the mesh are read once for all blocks of all of it."""
         nodes = self._index.nodes
-        whole = nodes is not None and nodes.records == block.records and not block.free
-        return self._mesh_nodes if whole else np.unique(node_ids(self.file, block))
+        covers_mesh = nodes is not None and nodes.records == block.records and not block.free
+        return self._mesh_nodes if covers_mesh else np.unique(node_ids(self.file, block))
+
+    @cached_property
+    def _sorted_mesh_nodes(self) -> IntArray:
+        return np.sort(self._mesh_nodes)
 
     @cached_property
     def _mesh_nodes(self) -> IntArray:
@@ -919,45 +1003,47 @@ class FrdSource(FieldSource[FrdBlock]):
         for remark in index.remarks:
             options.note(remark)
         if problem is not None:
-            words = "; ".join(filter(None, (self.file.change, *index.remarks, problem)))
+            message = "; ".join(filter(None, (self.file.change, *index.remarks, problem)))
             if not index.blocks:
-                raise ResultError(words, self.path)
-            options.refuse(words, self.path)
+                raise ResultError(message, self.path)
+            options.refuse(message, self.path)
         outputs: list[dict[str, FrdBlock]] = []
-        last = (0, 0)
+        last_key = (0, 0)
         for block in index.blocks:
-            if not outputs or block.name in outputs[-1] or block.key != last:
+            if not outputs or block.name in outputs[-1] or block.key != last_key:
                 outputs.append({})
-            outputs[-1][block.name], last = block, block.key
+            outputs[-1][block.name], last_key = block, block.key
         if outputs and not index.ended:
             failed = {(row.step, row.increment): row.failed for row in attempts_of(self.path)}
-            if failed.get(last, STRESS not in outputs[-1]):
-                options.note(f"dropped step {last[0]}, increment {last[1]}: not converged")
+            if failed.get(last_key, STRESS not in outputs[-1]):
+                options.note(f"dropped step {last_key[0]}, increment {last_key[1]}: not converged")
                 outputs.pop()
         if not outputs:
-            words = "no whole, converged increment in it"
+            message = "no whole, converged increment in it"
             if not index.blocks:  # and yet it ended well
-                words = (
+                message = (
                     "a mesh and no results: the deck has no *NODE FILE or *EL FILE; its prints, "
                 )
-                words += f"where it asks for any, are in {self.path.stem}.dat"
-            raise ResultError(words, self.path)
+                message += f"where it asks for any, are in {self.path.stem}.dat"
+            raise ResultError(message, self.path)
         return self._with_records(outputs)
 
     def _with_records(self, outputs: Outputs) -> list[dict[str, FrdBlock]]:
-        held = [{name: one for name, one in out.items() if one.records} for out in outputs]
+        nonempty = [
+            {name: block for name, block in out.items() if block.records} for out in outputs
+        ]
         empty: dict[str, FrdBlock] = {}
-        for name, one in ((name, one) for out in outputs for name, one in out.items()):
-            if not one.records:
-                empty.setdefault(name, one)  # the first
+        for name, block in ((name, block) for out in outputs for name, block in out.items()):
+            if not block.records:
+                empty.setdefault(name, block)  # the first
         for name, block in empty.items():
             # Where there is nothing else, all are named: what was asked for is among them.
-            words = str(block) if any(held) else str(block).replace(name, ", ".join(empty), 1)
-            words += _NO_RECORDS
-            if not any(held):
-                raise ResultError(words, self.path)
-            self.options.note(f"left out: {words}")
-        return [output for output in held if output]
+            message = str(block) if any(nonempty) else str(block).replace(name, ", ".join(empty), 1)
+            message += _NO_RECORDS
+            if not any(nonempty):
+                raise ResultError(message, self.path)
+            self.options.note(f"left out: {message}")
+        return [output for output in nonempty if output]
 
     def having(self, outputs: Outputs, names: Sequence[str]) -> list[dict[str, FrdBlock]]:
         """Outputs that have all quantities `names`, and these alone.
@@ -969,7 +1055,7 @@ class FrdSource(FieldSource[FrdBlock]):
             same step that has it, and `partial` is not set.
         """
         had, others = set[int](), set[int]()
-        found = []
+        selected = []
         for output in outputs:
             step, increment = next(iter(output.values())).key
             absent = [name for name in names if name not in output]
@@ -977,51 +1063,54 @@ class FrdSource(FieldSource[FrdBlock]):
             if len(absent) < len(names):
                 had.add(step)
             if not absent:
-                found.append({name: output[name] for name in names})
+                selected.append({name: output[name] for name in names})
             elif len(absent) < len(names) or lost:
                 # CalculiX writes them at every output of a step from the first that has them.
-                words = f"step {step}, increment {increment} has no {absent[0]}"
-                self.options.refuse(words, self.path, noted=f"dropped: {words}")
+                message = f"step {step}, increment {increment} has no {absent[0]}"
+                self.options.refuse(message, self.path, noted=f"dropped: {message}")
             else:
                 others.add(step)
         if others:
             left = ", ".join(map(str, sorted(others)))
             self.options.note(f"left out: outputs without {' and '.join(names)} in step {left}")
-        if not found:
+        if not selected:
             raise ResultError(f"no increment has all of {', '.join(names)}", self.path)
-        return found
+        return selected
 
-    def history_name(self, held: Sequence[str], quantity: str | None) -> str:
+    def history_name(self, available: Sequence[str], quantity: str | None) -> str:
         """Stress, but for the real part of a complex one, else displacement, else the first."""
         stress = self._index.named(STRESS)[:1]
         tensor = stress and set(COMPONENTS[STRESS]) <= set(stress[0].components)
         if quantity in OF_STRESS or (
-            quantity is None and tensor and STRESS in held and imaginary(STRESS) not in held
+            quantity is None
+            and tensor
+            and STRESS in available
+            and imaginary(STRESS) not in available
         ):
             quantity = STRESS
-        name = self.field_name(held, quantity)
-        for real in held:
-            if (part := imaginary(real)) in held and name in (real, part):
-                words = f"{real} is the real part of amplitudes, {part} the imaginary"
-                self.options.note(words)
+        name = self.field_name(available, quantity)
+        for real in available:
+            if (part := imaginary(real)) in available and name in (real, part):
+                message = f"{real} is the real part of amplitudes, {part} the imaginary"
+                self.options.note(message)
         return name
 
-    def field_name(self, held: Sequence[str], quantity: str | None) -> str:
-        """The name among those `held`; of one without records why there are none."""
+    def field_name(self, available: Sequence[str], quantity: str | None) -> str:
+        """The name among those `available`; of one without records why there are none."""
         blocks = self._index.blocks
-        empty = {b.name: b for b in reversed(blocks) if not b.records and b.name not in held}
-        name = name_in(held if quantity is None else [*held, *empty], quantity, self.path)
+        empty = {b.name: b for b in reversed(blocks) if not b.records and b.name not in available}
+        name = name_in(available if quantity is None else [*available, *empty], quantity, self.path)
         if name in empty:
             raise ResultError(f"{empty[name]}{_NO_RECORDS}", self.path)
         return name
 
     def at_nodes(self, blocks: Sequence[FrdBlock], nodes: Sequence[int]) -> FloatArray:
         """Values of one quantity, ``(T, node, component)``; stress inside one material."""
-        values = values_at(self.file, blocks, nodes)
+        values = values_at(self.file, blocks, nodes, self._check_nodes)
         if blocks[0].name == STRESS and not (inside := self._as_modelled(nodes, values)).all():
             node, names = nodes[int(np.argmin(inside))], self._index.materials
             met = materials_at(self._index, [node])[:, 1].tolist()
-            layers = " and ".join(names.get(one, f"material {one}") for one in met)
+            layers = " and ".join(names.get(material, f"material {material}") for material in met)
             raise ResultError(
                 f"node {node} is between {layers}: its stress is a mean "
                 "over both and belongs to neither; take a node inside one layer, or ask "
@@ -1058,8 +1147,10 @@ class FrdSource(FieldSource[FrdBlock]):
             clear_shear(stress, numbers.tolist(), options.on_axis)
         if options.across_materials:
             return np.ones(numbers.size, dtype=np.bool_)
-        held, met = np.unique(materials_at(self._index, numbers)[:, 0], return_counts=True)
-        inside: BoolArray = np.append(met, 0)[rows_of(numbers, held)] <= branches  # -1: no element
+        element_nodes, met = np.unique(materials_at(self._index, numbers)[:, 0], return_counts=True)
+        inside: BoolArray = (
+            np.append(met, 0)[rows_of(numbers, element_nodes)] <= branches
+        )  # -1: no element
         return inside
 
     def whole(self, block: FrdBlock, known: IntArray | None = None) -> Field:
@@ -1072,7 +1163,71 @@ class FrdSource(FieldSource[FrdBlock]):
             if set(scales) != {1.0}:
                 values *= scales if len(set(scales)) > 1 else scales[0]
         same = known is not None and np.array_equal(nodes, known)
+        if not same:
+            inside = self._check_nodes(block, nodes, values)
+            if not inside.all():
+                nodes, values = nodes[inside], values[inside]
         return field_of(block, known if same and known is not None else nodes, values, self.path)
+
+    def _check_nodes(
+        self, block: FrdBlock, nodes: IntArray, values: FloatArray | None = None
+    ) -> BoolArray:
+        """Which of the `nodes` of `block` the mesh has; a contradiction is refused.
+
+        All of them are in the mesh, and one that is there twice has the same `values` (None
+        reads them). Within a step all blocks of a quantity have the same nodes, but for contact:
+        another one is noted.
+        """
+        mesh = self._mesh_nodes
+        inside: BoolArray = np.ones(nodes.size, dtype=np.bool_)
+        before = self._last_nodes.get(block.name) or self._neighbour(block)
+        self._last_nodes[block.name] = block, nodes
+        if self._index.nodes is not None and not np.array_equal(nodes, mesh):
+            inside = is_in_sorted(nodes, self._sorted_mesh_nodes)
+            if not inside.all():
+                message = f"{block} has node {nodes[~inside][0]}, which the mesh has not"
+                count = int((~inside).sum())
+                message += f", and {count - 1} more of them" * (count > 1)
+                self.options.refuse(message, self.path, noted=f"left out: {message}")
+            if (node := self._contradicted(block, nodes, values)) is not None:
+                self.options.refuse(f"{block} has two values at node {node}", self.path)
+        if before is None or _CONTACT.match(block.name):
+            return inside
+        previous, last_nodes = before
+        if previous.key[0] == block.key[0] and last_nodes.size == nodes.size:
+            changed = np.flatnonzero(last_nodes != nodes)
+            if changed.size:
+                row = changed[0]
+                message = f"{block} has node {nodes[row]} where {previous} has {last_nodes[row]}"
+                suffix = f", and {changed.size - 1} other changes" * (changed.size > 1)
+                self._changes += 1
+                if self._changes <= _MOST_CHANGES:
+                    self.options.note(f"{message}{suffix}: nodes of a step stay the same")
+        return inside
+
+    def _neighbour(self, block: FrdBlock) -> tuple[FrdBlock, IntArray] | None:
+        """A block of the same quantity, step and count, of a part of the mesh, and its nodes."""
+        mesh = self._index.nodes
+        if mesh is None or block.records == mesh.records or _CONTACT.match(block.name):
+            return None
+        alike = block.name, block.key[0], block.records
+        for other in self._index.named(block.name):
+            if other is not block and (other.name, other.key[0], other.records) == alike:
+                return other, node_ids(self.file, other)
+        return None
+
+    def _contradicted(
+        self, block: FrdBlock, nodes: IntArray, values: FloatArray | None
+    ) -> int | None:
+        """A node that `block` has twice, with two values; None if there is none."""
+        order = np.argsort(nodes, kind="stable")
+        again = np.flatnonzero(np.diff(nodes[order]) == 0)
+        if not again.size:
+            return None
+        table = block_table(self.file, block)[1] if values is None else values
+        first, second = table[order[again]], table[order[again + 1]]
+        other = ((first != second) & ~(np.isnan(first) & np.isnan(second))).any(axis=1)
+        return int(nodes[order[again[np.argmax(other)]]]) if other.any() else None
 
     def last_digit_ms(self, times_ms: FloatArray) -> FloatArray:
         """Below one second a ``.frd`` prints six digits, above it ten."""
@@ -1083,11 +1238,11 @@ class FrdSource(FieldSource[FrdBlock]):
         index = self._index
         blocks = [block for block in index.named(STRESS) or index.blocks if block.records]
         if not blocks:
-            held = ", ".join(index.names) or "nothing"
-            raise ResultError(f"no results at nodes, it holds {held}", self.path)
-        held_by = np.unique(node_ids(self.file, blocks[0]))
+            names = ", ".join(index.names) or "nothing"
+            raise ResultError(f"no results at nodes, it holds {names}", self.path)
+        nodes_with_results = np.unique(node_ids(self.file, blocks[0]))
         nodes, at_mm = self._coordinates()
-        return nodes, at_mm, np.isin(nodes, held_by)
+        return nodes, at_mm, np.isin(nodes, nodes_with_results)
 
     def sides(self, node: int, set_name: str = "") -> tuple[OneSidedStress, ...]:
         """Stress at `node` for each material there, lowest number first.
@@ -1106,9 +1261,9 @@ class FrdSource(FieldSource[FrdBlock]):
         from fembridge.results.printed import read_point_stress
 
         if not set_name:
-            words = "--one-sided takes the element set that the .dat beside a .frd prints"
-            raise UsageError(words)
-        mesh, beside = self.mesh(), self.path.with_suffix(".dat")
+            message = "--one-sided takes the element set that the .dat beside a .frd prints"
+            raise UsageError(message)
+        mesh, dat_path = self.mesh(), self.path.with_suffix(".dat")
         around = [
             (int(cells.ids[row]), int(cells.material[row]), cells.kind, corner)
             for cells in mesh.cells
@@ -1116,7 +1271,7 @@ class FrdSource(FieldSource[FrdBlock]):
         ]
         if not around:
             raise ResultError(f"node {node} is at no element of the mesh", self.path)
-        times_ms, points, tensor_pa = read_point_stress(beside, set_name, self.options)
+        times_ms, points, tensor_pa = read_point_stress(dat_path, set_name, self.options)
         sides: dict[int, list[tuple[int, FloatArray]]] = {}
         for element, material, kind, corner in around:
             rows = np.flatnonzero(points[:, 0] == element)
@@ -1124,7 +1279,7 @@ class FrdSource(FieldSource[FrdBlock]):
                 raise ResultError(
                     f"set {set_name} has no stress of element {element}, which is at node "
                     f"{node}: its side would be a guess",
-                    beside,
+                    dat_path,
                 )
             order = points[rows, 1]
             try:
@@ -1132,9 +1287,9 @@ class FrdSource(FieldSource[FrdBlock]):
                     raise ValueError(f"points {', '.join(map(str, order))}, expected all from 1")
                 weights = brick_weights(kind, order.size, corner)[order - 1]
             except ValueError as error:
-                raise ResultError(f"element {element}: {error}", beside) from error
-            there = np.einsum("p,tpc->tc", weights, tensor_pa[:, rows])
-            sides.setdefault(material, []).append((element, there))
+                raise ResultError(f"element {element}: {error}", dat_path) from error
+            node_stress_pa = np.einsum("p,tpc->tc", weights, tensor_pa[:, rows])
+            sides.setdefault(material, []).append((element, node_stress_pa))
         return tuple(
             OneSidedStress(
                 node=node,
@@ -1165,37 +1320,37 @@ class FrdSource(FieldSource[FrdBlock]):
         index, file = self._index, self.file
         if index.nodes is None or index.elements is None:
             kind = "nodes" if index.nodes is None else "elements"
-            words = "; ".join(harm.problem for harm in index.damage)
-            raise ResultError(f"no whole block of {kind}{words and ': '}{words}", file.path)
+            problems = "; ".join(harm.problem for harm in index.damage)
+            raise ResultError(f"no whole block of {kind}{problems and ': '}{problems}", file.path)
         if not index.nodes.records:
             raise ResultError("node block: no nodes", file.path)
         nodes, points_mm = self._coordinates()
         if np.unique(nodes).size != nodes.size:
             raise ResultError("node block: a node is duplicate", file.path)
         parts: dict[int, list[tuple[IntArray, IntArray, IntArray]]] = {}
-        for one in element_rows(file, index.elements):
-            expected = NODES_OF_TYPE.get(one.type)
-            if expected != one.corners.shape[1]:
+        for elements in element_rows(file, index.elements):
+            expected = NODES_OF_TYPE.get(elements.type)
+            if expected != elements.corners.shape[1]:
                 raise ResultError(
-                    f"element {one.ids[0]} of type {one.type} has "
-                    f"{one.corners.shape[1]} nodes, expected {expected or 'another type'}",
+                    f"element {elements.ids[0]} of type {elements.type} has "
+                    f"{elements.corners.shape[1]} nodes, expected {expected or 'another type'}",
                     file.path,
                 )
-            rows = rows_of(one.corners, nodes)
+            rows = rows_of(elements.corners, nodes)
             if (rows < 0).any():
-                absent = one.corners[rows < 0][0]
+                absent = elements.corners[rows < 0][0]
                 raise ResultError(
                     f"an element has node {absent}, which the mesh has not", file.path
                 )
-            parts.setdefault(one.type, []).append((one.ids, one.material, rows))
+            parts.setdefault(elements.type, []).append((elements.ids, elements.material, rows))
         cells = tuple(
             SceneCells(KIND_OF_TYPE[kind], *map(np.concatenate, zip(*parts[kind], strict=True)))
             for kind in sorted(parts)
         )
         # Inside a layer 1 material meets, on its boundary 2, at a node of no element none.
         met = np.zeros(nodes.size, dtype=np.int64)
-        for number in {number for one in cells for number in np.unique(one.material)}:
-            touched = [one.rows[one.material == number].ravel() for one in cells]
+        for number in {number for group in cells for number in np.unique(group.material)}:
+            touched = [group.rows[group.material == number].ravel() for group in cells]
             met[np.unique(np.concatenate(touched))] += 1
         return Scene(points_mm, nodes, cells, met, dict(index.materials))
 
@@ -1216,28 +1371,30 @@ class FrdSource(FieldSource[FrdBlock]):
         """
         blocks: dict[tuple[str, int], FrdBlock] = {}
         for output in outputs:
-            for name, one in output.items():
-                blocks.setdefault((name, one.records), one)
-        held = {key: node_ids(self.file, one) for key, one in blocks.items()}
-        every = [np.isin(scene.nodes, ids) for ids in held.values()]
-        there = np.logical_or.reduce([np.zeros(scene.nodes.size, dtype=np.bool_), *every])
+            for name, block in output.items():
+                blocks.setdefault((name, block.records), block)
+        ids_by_block = {key: node_ids(self.file, block) for key, block in blocks.items()}
+        masks = [np.isin(scene.nodes, ids) for ids in ids_by_block.values()]
+        has_any = np.logical_or.reduce([np.zeros(scene.nodes.size, dtype=np.bool_), *masks])
         note, size = self.options.note, scene.nodes.size
-        for (name, _), ids in held.items():
+        for (name, _), ids in ids_by_block.items():
             strange = ids[~np.isin(ids, scene.nodes)]
             if strange.size:
                 note(
                     f"left out: {name} has {strange.size} nodes that the mesh has not, "
                     f"{strange[0]} among them"
                 )
-        if there.any() and not any(there[cells.rows].all(axis=1).any() for cells in scene.cells):
-            note(f"values at {there.sum()} of {size} nodes, at no element's all: nodes alone")
-            ids = np.arange(there.sum())
+        if has_any.any() and not any(
+            has_any[cells.rows].all(axis=1).any() for cells in scene.cells
+        ):
+            note(f"values at {has_any.sum()} of {size} nodes, at no element's all: nodes alone")
+            ids = np.arange(has_any.sum())
             cells = SceneCells(VERTEX, ids, np.full(ids.size, UNKNOWN_MATERIAL), ids[:, None])
-            at_mm, nodes, met = scene.points_mm[there], scene.nodes[there], scene.met[there]
+            at_mm, nodes, met = scene.points_mm[has_any], scene.nodes[has_any], scene.met[has_any]
             return Scene(at_mm, nodes, (cells,), met, {})
-        for (name, _), has in zip(held, every, strict=True):
-            if not has.all():
-                note(f"{name} has {has.sum()} of {size} nodes; the others are NaN")
+        for (name, _), mask in zip(ids_by_block, masks, strict=True):
+            if not mask.all():
+                note(f"{name} has {mask.sum()} of {size} nodes; the others are NaN")
         return scene
 
 
@@ -1246,18 +1403,18 @@ def _fullest(outputs: Outputs, options: ReadOptions) -> Outputs:
 
     Those are whole fields in a file that has them now and then, else the afferents alone.
     """
-    most: dict[str, int] = {}
+    most_records: dict[str, int] = {}
     for output in outputs:
-        for name, one in output.items():
-            most[name] = max(one.records, most.get(name, 0))
-    kept = [
+        for name, block in output.items():
+            most_records[name] = max(block.records, most_records.get(name, 0))
+    fullest = [
         output
         for output in outputs
-        if any(one.records == most[name] for name, one in output.items())
+        if any(block.records == most_records[name] for name, block in output.items())
     ]
-    if len(kept) < len(outputs):
-        left = len(outputs) - len(kept)
+    if len(fullest) < len(outputs):
+        dropped = len(outputs) - len(fullest)
         options.note(
-            f"left out: {left} of {len(outputs)} increments, at fewer nodes than the others"
+            f"left out: {dropped} of {len(outputs)} increments, at fewer nodes than the others"
         )
-    return kept
+    return fullest

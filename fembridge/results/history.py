@@ -45,6 +45,7 @@ OF_STRESS = {
     name.replace("_", "-"): of for name, (takes, of) in DERIVED.items() if takes == ("STRESS",)
 }
 NO_KEYS = np.empty((0, 2), dtype=np.int64)
+_FEW_STEPS = 0.2  # share of odd steps that may be damage; more are the solver's choice
 IMPLAUSIBLE_PA = 1.0e9  # of soft tissue, whose stresses are some kPa
 TIME, FREQUENCY = "total time", "frequency in cycles per time"
 _AXES = {TIME: "time_ms", FREQUENCY: "frequency_hz", "buckling factor": "buckling_factor"}
@@ -129,6 +130,27 @@ class History:
             return f"{span}, every {steps_ms[0]:g} ms, the last after {steps_ms[-1]:g} ms"
         return f"{span}, uneven: {steps_ms.min():g} to {steps_ms.max():g} ms apart"
 
+    def _doubt_of_times(self) -> str:
+        """Which times do not rise, or which few steps differ from the others; or ""."""
+        if not self.over_time or self.at.size < 2:
+            return ""
+        steps_ms = np.diff(self.at)
+        row = int(np.argmin(steps_ms > 0))
+        if steps_ms[row] <= 0:
+            return f"times do not rise: {self.at[row + 1]:g} ms comes after {self.at[row]:g} ms"
+        usual_ms = float(np.median(steps_ms))
+        odd = np.abs(steps_ms - usual_ms) > STEP_TOLERANCE * usual_ms
+        if steps_ms[-1] < usual_ms:  # to the end of a step
+            odd[-1] = False
+        if not 0 < odd.sum() <= _FEW_STEPS * odd.size:
+            return ""
+        row = int(np.argmax(odd))
+        first_ms, second_ms = self.at[row : row + 2]
+        return (
+            f"times are {usual_ms:g} ms apart but for {odd.sum()}, the first {first_ms:g} to "
+            f"{second_ms:g} ms: rows may be missing or damaged"
+        )
+
     @property
     def resample_ms(self) -> float:
         """A step to resample with: an encoder's, or of a shorter history a twentieth or less."""
@@ -151,6 +173,8 @@ class History:
         """What `word` says follows from it, resampled before: the tensor, where it is at hand."""
         held = self if resample_ms is None else self.resampled(resample_ms, log)
         found = held.derived(word)
+        if log is not None and (doubt := self._doubt_of_times()):
+            log(doubt)
         if log is not None and found.units[0] == "Pa":
             peak_pa = float(np.abs(np.nan_to_num(found.values)).max())
             if peak_pa > IMPLAUSIBLE_PA:

@@ -296,9 +296,9 @@ class MarcSource(FieldSource[MarcBlock]):
         found = [{name: one for name, one in out.items() if name in names} for out in outputs]
         return [output for output in found if output]
 
-    def history_name(self, held: Sequence[str], quantity: str | None) -> str:
+    def history_name(self, available: Sequence[str], quantity: str | None) -> str:
         """The stress of traces, without one the displacement, else the first."""
-        if VON_MISES in held and quantity in (None, VON_MISES):
+        if VON_MISES in available and quantity in (None, VON_MISES):
             return VON_MISES
         name = ""
         if quantity in (None, STRESS, *OF_STRESS):
@@ -307,17 +307,17 @@ class MarcSource(FieldSource[MarcBlock]):
             except ResultError:
                 if quantity is not None or self.options.von_mises is not None:
                     raise
-            if name and name not in held and quantity is not None:
+            if name and name not in available and quantity is not None:
                 raise ResultError(
                     "no element values in it: the deck's 'post' asks for no element code (311 is "
                     "the stress tensor)",
                     self.path,
                 )
-        if name in held:
+        if name in available:
             return name
-        if not held:
+        if not available:
             raise ResultError("no values in it", self.path)
-        return self.field_name(held, quantity)
+        return self.field_name(available, quantity)
 
     def at_nodes(self, blocks: Sequence[MarcBlock], nodes: Sequence[int]) -> FloatArray:
         """Values of one quantity, ``(T, node, component)``; those of points inside one layer."""
@@ -401,7 +401,9 @@ class MarcSource(FieldSource[MarcBlock]):
         """
         points, ids = self._points, self._post.mesh.node_ids
         if not block.quantity.columns:
-            rows = np.flatnonzero(~points.pressure_nodes())
+            left_out = points.pressure_nodes()
+            rows = np.flatnonzero(~left_out)
+            self._note_displaced(left_out)
             values = self._nodal(block)[rows]
         else:
             self._note_unknown()
@@ -457,6 +459,14 @@ class MarcSource(FieldSource[MarcBlock]):
         else:
             values = self._nodal(block)[points.rows]
         return field_of(block, points.nodes, values, self.path), np.arange(points.nodes.size)
+
+    def _note_displaced(self, left_out: BoolArray) -> None:
+        """Note nodes that no corner of an element is and that have coordinates nevertheless."""
+        mesh = self._post.mesh
+        odd = left_out & (mesh.coordinates_mm != 0.0).any(axis=1)
+        if odd.any():
+            node = mesh.node_ids[odd][0]
+            self._once(f"left out: {odd.sum()} nodes at no corner of an element, {node} the first")
 
     def _note_unknown(self) -> None:
         if self._points.unknown_types:

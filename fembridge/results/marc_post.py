@@ -39,6 +39,7 @@ from numpy.typing import NDArray
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import ByteFile
+from fembridge.trace import seconds_to_ms
 from fembridge.typing import FloatArray, IntArray
 
 BEGIN, END = "=beg=", "=end="
@@ -60,7 +61,8 @@ _CODES_OF_A_LAYER = 1000
 _VERIFICATION_WORDS, _INCREMENT_WORDS, _QUANTITY_WORDS = (18, 12), 12, 12
 _ALL_NODES, _NO_NODES = -1, 0
 _COMPLEX = (4, 5)
-_MOST_COMPONENTS = 1000  # of a nodal quantity; real ones have up to six
+# Of a nodal quantity, and of one that is 0 at all nodes; real ones have up to six.
+_MOST_COMPONENTS, _MOST_WITHOUT_DATA = 1000, 36
 
 _WORD = _MARKER = 4  # bytes
 _TITLE_WORDS, _LABEL_WORDS, _LONG_LABEL_WORDS = 70, 24, 48
@@ -230,7 +232,12 @@ class PostFile:
             bad = int(np.flatnonzero((used < 0) | (used > self.corners))[0])
             words = f"element {table[bad, 0]} announces {used[bad]} nodes, the model has up to"
             raise ResultError(f"{words} {self.corners}", self.path)
-        corners[np.arange(corners.shape[1]) >= used[:, None]] = 0
+        absent = np.arange(corners.shape[1]) >= used[:, None]
+        corners[absent] = 0
+        if (odd := np.argwhere((corners <= 0) & ~absent)).size:
+            row, corner = odd[0].tolist()
+            words = f"element {table[row, 0]} has node {corners[row, corner]}, expected 1 or more"
+            raise ResultError(words, self.path)
         sets = []
         for name, number, members in self.sets:
             kind = _SET_KINDS.get(number, f"type {number}")
@@ -238,7 +245,7 @@ class PostFile:
                 PostSet(name, kind, nothing if members is None else members.values(self._file)[0])
             )
         return PostMesh(
-            node_ids=nothing if ids is None else ids.values(self._file)[:, 0],
+            node_ids=nothing if ids is None else self._once_each(ids.values(self._file)[:, 0]),
             coordinates_mm=mm,
             element_ids=table[:, 0].copy(),
             element_types=table[:, 1].copy(),
@@ -246,6 +253,13 @@ class PostFile:
             extras=table[:, 3 + self.corners :].copy(),
             sets=tuple(sets),
         )
+
+    def _once_each(self, nodes: IntArray) -> IntArray:
+        """The numbers of the nodes; one that is there twice is a ResultError."""
+        ids, counts = np.unique(nodes, return_counts=True)
+        if (counts > 1).any():
+            raise ResultError(f"node {ids[counts > 1][0]} is duplicate", self.path)
+        return nodes
 
     def element_values(self, row: int, element_rows: IntArray) -> FloatArray:
         """Values of increment `row`, which has some, at all points of elements.
@@ -268,7 +282,7 @@ class PostFile:
         one = self.increments[row]
         quantity = next(held for held in one.nodal if held.name == name)
         if quantity.numbers is None:
-            return np.zeros((self.nodes, quantity.components))
+            return np.broadcast_to(0.0, (self.nodes, quantity.components))
         found: FloatArray = quantity.numbers.values(self._file, offset=one.offset)
         return found
 
@@ -334,6 +348,14 @@ class PostFile:
 
     def _append(self, layout: "_Layout", offset: int, words: list[int], reals: list[float]) -> None:
         number, sub, harmonic = words[1], words[2], words[6]
+        try:
+            seconds_to_ms(reals[0])
+            if not math.isfinite(reals[1]):
+                raise ValueError(f"a frequency of {reals[1]:g} is no frequency")
+        except ValueError as error:
+            raise PostDamageError(str(error), layout.start + offset) from error
+        if self.increments and number < (before := self.increments[-1].increment):
+            self.remarks.append(f"increment {number} comes after increment {before}")
         one = (len(self.increments), number, sub, reals[0], harmonic, reals[1], layout, offset)
         self.increments.append(PostIncrement(*one))
 
@@ -942,7 +964,8 @@ def _nodal(records: _Records, layout: _Layout) -> None:
         name, at = records.text(), records.at
         words = records.integers(_QUANTITY_WORDS)
         components, flag, is_complex = words[3], words[6], words[5] in _COMPLEX
-        known = flag in (_ALL_NODES, _NO_NODES) and 0 <= components <= _MOST_COMPONENTS
+        most = _MOST_COMPONENTS if flag == _ALL_NODES else _MOST_WITHOUT_DATA
+        known = flag in (_ALL_NODES, _NO_NODES) and 0 <= components <= most
         records.check(known, f"{name!r} of {components} components with flag {flag}", at)
         place = None
         if flag == _ALL_NODES:

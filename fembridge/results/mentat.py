@@ -16,11 +16,13 @@ the line above that has one cell between tabs for each column. What has no name 
 Time is taken as s and stress in `ReadOptions.stress_unit`.
 """
 
+import math
 import re
+from array import array
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -30,13 +32,14 @@ from fembridge.results.byte_file import text_lines
 from fembridge.results.history import History, of_samples
 from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.results.source import Source
-from fembridge.trace import MS_PER_S
+from fembridge.trace import MS_PER_S, seconds_to_ms
 from fembridge.typing import FloatArray, Table
 
 INDEX = "index"
 
 _LEAST_ROWS, _LEAST_COLUMNS = 2, 2
-_NODE = re.compile(r"\b(?:node|n:) *:? *(\d+)\b", re.IGNORECASE)
+_MOST_LINES_ABOVE, _MOST_TABLES, _MOST_LINES = 200, 100_000, 2_000_000
+_NODE = re.compile(r"\b(?:node|n:) *:? *([0-9]{1,18})\b", re.IGNORECASE)
 _TIME = re.compile(r"\btime\b", re.IGNORECASE)
 _VON_MISES = re.compile(r"\bmises\b|\bequivalent cauchy stress\b", re.IGNORECASE)
 
@@ -100,7 +103,7 @@ class PlotSource(Source):
         path, options = self.path, self.options
         found: list[tuple[int | None, FloatArray]] = []
         for table in self._tables():
-            times_ms = table.values[:, table.x] * MS_PER_S
+            times_ms = self._times_ms(table)
             for column in _stress_columns(table, path, options):
                 stress_pa = in_pa(table.values[:, column], options, path)
                 found.append((table.node(column), np.stack([times_ms, stress_pa], -1)))
@@ -121,6 +124,16 @@ class PlotSource(Source):
                 there = ", ".join(map(str, curves))
                 raise ResultError(f"no curve of node {node}, there is {there}", path)
         return of_samples([(node, curves[node]) for node in wanted], path)
+
+    def _times_ms(self, table: PlotTable) -> FloatArray:
+        times_s = table.values[:, table.x]
+        try:
+            seconds_to_ms(float(np.abs(times_s).max()))
+        except ValueError as error:
+            line = table.line + int(np.abs(times_s).argmax())
+            raise ResultError(str(error), self.path, line) from error
+        times_ms: FloatArray = times_s * MS_PER_S
+        return times_ms
 
     def named_nodes(self) -> tuple[int, ...]:
         """The nodes that the text names, of all curves; none if it names none."""
@@ -151,6 +164,8 @@ class PlotSource(Source):
         """
         first, *others = tables = self._tables()
         columns = list(first.labels)
+        if not first.is_over_time and any(map(_VON_MISES.search, columns)):
+            self.options.note(f"over {columns[first.x]!r} and not over Time: a table, no traces")
         if any(table.labels != first.labels for table in others):
             columns = _without_nodes(columns)
         for table in others:
@@ -167,44 +182,98 @@ class PlotSource(Source):
                 yield [count, *row] if others else row
 
 
+@dataclass(slots=True)
+class _Group:
+    """Consecutive lines with as many numbers each, `columns`; the last of them as `texts`.
+
+    `line` is the number of the first. What Python takes for a number and Mentat does not write,
+    such as ``1_000``, is NaN.
+    """
+
+    columns: int
+    line: int
+    texts: deque[str]
+    numbers: "array[float]"
+    rows: int = 0
+
+    @property
+    def is_table(self) -> bool:
+        """Whether it has rows and columns enough."""
+        return self.columns >= _LEAST_COLUMNS and self.rows >= _LEAST_ROWS
+
+
+def _groups(path: Path) -> Iterator[tuple[_Group, str]]:
+    """The groups of lines, and in the last one the text of a line without an end, else ""."""
+    group: _Group | None = None
+    number, cut = 0, ""
+    for number, line, ended in text_lines(path):
+        if number > _MOST_LINES:
+            raise ResultError(f"more than {_MOST_LINES} lines: no plot", path, number)
+        text = _in_utf8(line)
+        numbers = _numbers(text)
+        if group is None or len(numbers) != group.columns:
+            if group is not None:
+                yield group, ""
+            group = _Group(len(numbers), number, deque(maxlen=_MOST_LINES_ABOVE), array("d"))
+        group.texts.append(text)
+        group.numbers.extend(numbers)
+        group.rows += 1
+        cut = "" if ended else text
+    if group is not None:
+        yield group, cut
+    yield _Group(0, number + 1, deque([""]), array("d"), 1), cut
+
+
 def read_plot_tables(path: Path) -> tuple[list[PlotTable], str]:
     """The longest table of a text and the others as wide, in file order; and a doubt, or ""."""
-    read = [(_in_utf8(text), ended) for _, text, ended in text_lines(path)]
-    lines = [(text, _numbers(text)) for text in (*(line for line, _ in read), "")]
-    places, at = list[tuple[int, int]](), 0  # of rows of as many numbers
-    for columns, group in groupby(len(numbers) for _, numbers in lines):
-        begin, at = at, at + len(list(group))
-        if columns >= _LEAST_COLUMNS and at - begin >= _LEAST_ROWS:
-            places.append((begin, at))
+    places: list[tuple[list[str], _Group, _Group]] = []  # texts above, rows, and what follows
+    above: deque[str] = deque(maxlen=_MOST_LINES_ABOVE)
+    before: _Group | None = None
+    cut = ""
+    for group, text in _groups(path):
+        cut = text
+        if before is not None and before.is_table:
+            places.append((list(above), before, group))
+            above.clear()
+            if len(places) > _MOST_TABLES:
+                raise ResultError(f"more than {_MOST_TABLES} tables", path)
+        elif before is not None:
+            above += before.texts
+        before = group
     if not places:
         raise ResultError("no table: no two lines with as many numbers each", path)
-    width = len(lines[max(places, key=lambda place: place[1] - place[0])[0]][1])
+    width = max(places, key=lambda place: place[1].rows)[1].columns
     tables = []
-    for (_, before), (begin, end) in pairwise([(0, 0), *places]):
-        if len(lines[begin][1]) != width:
+    for texts, group, after in places:
+        if group.columns != width:
             continue
-        values = np.array([numbers for _, numbers in lines[begin:end]])
-        above = [text for text, _ in lines[before:begin]]
-        labels = _labels(above, values)
+        values = np.frombuffer(group.numbers).reshape(group.rows, width)
+        labels = _labels(texts, values)
         # A row that is damaged parts a table, or is taken for its heading.
-        for place in (end,) if labels[0] == "column_1" else (end, begin - 1):
-            text, numbers = lines[place]
-            if (place == end and numbers) or _like_row(text, width):
-                raise ResultError(f"no row of {width} numbers, at a table of such", path, place + 1)
+        end = group.line + group.rows
+        if after.columns or _like_row(after.texts[0], width):
+            raise ResultError(f"no row of {width} numbers, at a table of such", path, end)
+        if labels[0] != "column_1" and texts and _like_row(texts[-1], width):
+            raise ResultError(
+                f"no row of {width} numbers, at a table of such", path, group.line - 1
+            )
         if (bad := np.argwhere(~np.isfinite(values))).size:
-            raise ResultError("a number that is not finite", path, begin + 1 + int(bad[0][0]))
-        header = tuple(filter(str.strip, above))
-        tables.append(PlotTable(labels, values, header, begin + 1))
-    (last, ended), doubt = read[-1], ""
-    if not ended and last.strip():
-        doubt = f"the last line has no end and may be cut: {last.strip()[-40:]!r}"
-    return tables, doubt
+            problem = "a number that is not finite, or not in ASCII digits"
+            raise ResultError(problem, path, group.line + int(bad[0][0]))
+        header = tuple(filter(str.strip, texts))
+        tables.append(PlotTable(labels, values, header, group.line))
+    doubts = []
+    if lost := [line for line in tables[0].header if len(_numbers(line)) == width]:
+        doubts.append(f"a row above the names of the columns is left out: {lost[-1].strip()!r}")
+    if cut.strip():
+        doubts.append(f"the last line has no end and may be cut: {cut.strip()[-40:]!r}")
+    return tables, "; ".join(doubts)
 
 
 def _like_row(line: str, columns: int) -> bool:
     """Whether a line that is no row of `columns` numbers may have been one."""
     words = line.split()
-    if not words or len(words) > columns + 1 or not any(map(str.isdigit, words[0])):
+    if not words or len(words) > columns + 1 or not any(map(str.isdecimal, words[0])):
         return False
     return len(words) == 1 or any(_numbers(word) for word in words)
 
@@ -220,11 +289,17 @@ def _in_utf8(line: str) -> str:
 
 
 def _numbers(line: str) -> list[float]:
-    """The numbers of a line of numbers alone; none of any other line."""
+    """The numbers of a line of numbers alone; none of any other line.
+
+    NaN stands for what is a number of Python alone: ``1_000``, ``inf``, other scripts' digits.
+    """
     try:
-        return [float(word) for word in line.split()]
+        numbers = [float(word) for word in line.split()]
     except ValueError:
         return []
+    if "_" in line or not line.isascii() or not all(map(math.isfinite, numbers)):
+        return [math.nan] * len(numbers)
+    return numbers
 
 
 def _labels(before: Sequence[str], values: FloatArray) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import DeckError, ResultError, UsageError
+from fembridge.results.fields import node_numbers
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import open_source
 from fembridge.results.source import Source
@@ -34,7 +35,7 @@ def choose_nodes(
     `deck` holds the sets; None takes those of the result file where it has sets, else the
     deck with its stem beside it. What a set or place came to is noted.
     """
-    found, words = [int(node) for node in nodes], []
+    found, words = node_numbers(nodes), []
     for name in sets:
         members, place = node_set(source, name, deck)
         found += members

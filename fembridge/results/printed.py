@@ -8,7 +8,10 @@ quantity of one set at one time.
          1   1  1.082338E-03  1.031436E-03  9.281549E-04 -1.290587E-03 ...
 
 A section does not say how long it is. One that was cut shows itself by a last line
-without an end, or by fewer records than the section before it had. Headers are Fortran
+without an end, or by fewer records than the section before it had; sections of contact,
+whose records come and go, agree with each other at each time. One blank line is behind a
+header, and one behind the records: records behind another blank line have lost their
+header. Headers are Fortran
 texts that have grown over the years (``forset X``, ``pe)for set X``, ``eneset X``, no
 columns at all); values are the last fields of a line, 14 characters each, and touch each
 other. Tensors are printed xx yy zz xy xz yz and leave here in the order of the ``.frd``,
@@ -17,7 +20,7 @@ xx yy zz xy yz zx.
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import NoReturn
@@ -38,7 +41,7 @@ from fembridge.results.history import History
 from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.results.source import Source
 from fembridge.results.status import fortran, status_rows
-from fembridge.trace import MS_PER_S
+from fembridge.trace import seconds_to_ms
 from fembridge.typing import FloatArray, IntArray, Table
 
 STRESSES = "stresses"
@@ -46,17 +49,42 @@ POINTS_AN_ELEMENT = 100  # no element has more; makes one number of element and 
 _FRD_ORDER = [0, 1, 2, 3, 5, 4]  # xx yy zz xy yz zx of xx yy zz xy xz yz
 _DEFAULTS = ReadOptions()
 _LOOK_BYTES = 1 << 14
+_LINES_AT_ONCE = 4096  # of records that are not in a table of equal lines
+_MOST_STRANGERS = 200_000  # lines of no section
+_MOST_NOTES, _SHOWN_CHANGES = 3, 5
 
 _HEADER = re.compile(
     r" (?P<what>[A-Za-z].*?) ?"
     r"(?:for ?set *(?P<set>\S.*?) and|(?<=[a-z(,])set +(?P<near>\S.*?) and"
-    r"|for (?P<contact>all contact elements) and|for) time +(?P<time>\S+)"
+    r"|for ?(?P<contact>all contact elements) and|for) time +(?P<time>\S+)"
 )
 _STATISTICS = re.compile(
     r" statistics for (?:surface|slave) set +(?P<set>\S.*?) and time +(?P<time>\S+)"
 )
 _MODE = re.compile(r" *E I G E N V A L U E +N U M B E R +(\d{1,9})")
 _FREQUENCY = re.compile(r" *P A R T I C I P A T I O N .* F O R +F R E Q U E N C Y .*")
+# By quantity its columns, "" where they vary by version: what printout.f of CalculiX writes.
+_STRESS_COLUMNS = "sxx syy szz sxy sxz syz"
+_STRAIN_COLUMNS = "exx eyy ezz exy exz eyz"
+_QUANTITIES = {
+    "displacements": "vx vy vz", "velocities": "vx vy vz", "forces": "fx fy fz",
+    "total force": "fx fy fz", "stresses": _STRESS_COLUMNS, "viscous stresses": "",
+    "strains": _STRAIN_COLUMNS, "mechanical strains": _STRAIN_COLUMNS,
+    "contact stress": "press tang1 tang2", "relative contact displacement": "normal tang1 tang2",
+    "heat flux": "qx qy qz", "global coordinates": "x y z",
+} | dict.fromkeys(
+    (
+        "temperatures", "heat generation", "total heat generation", "static pressures",
+        "network pressures", "mass flows", "equivalent plastic strain", "internal energy density",
+        "internal state variables", "internal energy", "total internal energy", "kinetic energy",
+        "total kinetic energy", "volume", "total volume", "mass", "total mass",
+        "total mass moment of inertia", "total mass moment of inertia about the center of gravity",
+        "center of gravity", "body heating", "total body heating", "centrifugal force",
+        "contact print energy", "total contact spring energy", "total number of contact elements",
+        "total surface flux",
+    ),
+    "",
+)  # fmt: skip
 _LABELS = {
     "elem": "element",
     "element": "element",
@@ -73,7 +101,7 @@ _PARTS_OF_STATISTICS = {
 _LONGEST_HEADER = 400
 _VALUE_WIDTH = 14
 _LONGEST_LABEL = 18
-_VALUE = re.compile(r" +[+-]?\d?\.\d+(E[+-]\d{2}|[+-]\d{3})")
+_VALUE = re.compile(r" +[+-]?\d?\.\d{6}(E[+-]\d{2}|[+-]\d{3})")
 _ODD_VALUE = re.compile(r" +[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _LABEL = re.compile(r"\d{1,18}")
 _TIME = re.compile(r"-?\d*\.\d+(E[+-]\d{2,3}|[+-]\d{3})?")
@@ -101,28 +129,41 @@ def dat_sections(
 
         yield from abaqus_sections(path, wanted, options)
         return
-    now: DatSection | None = None  # the wanted section that is being read
-    records: list[tuple[int, str | Characters]] = []
+    rows: _Rows | None = None  # of the wanted section that is being read
     statistics: re.Match[str] | None = None
     mode, over_time, foreign = None, True, ""
+    census: dict[float, list[str]] = {}  # sections of each time
+    header, blank_lines, lost = "", 0, False  # of the section that is being read, wanted or not
+    odd: dict[str, None] = {}
+    strangers = 0
     for number, line, ended in text_runs(path):
         if isinstance(line, str) and not ended:
             options.refuse(f"cut inside a line: {line[:40]!r}", path, number)
             break
+        if not (line if isinstance(line, str) else line[0].tobytes()).strip():
+            blank_lines += 1 if isinstance(line, str) else len(line)
+            continue
         if not isinstance(line, str) or _is_record(line):
-            if now is not None:
-                records.append((number, line))
+            if header and blank_lines > 1 and not lost:
+                lost = True
+                message = f"records behind {header} and a blank line: a header is lost"
+                options.refuse(message, path, number, noted=f"{message}; they are left out")
+            if rows is not None and not lost:
+                blank_lines = 1
+                rows.add(number, line)
+            elif header:
+                blank_lines = 1
+            else:
+                strangers += isinstance(line, str)
             continue
         text = line.rstrip()
-        if not text:
-            continue
-        if now is not None:
-            yield _filled(now, records, path)
-        now, records = None, []
-        eigen = _MODE.match(line)
-        if eigen or _FREQUENCY.fullmatch(line):
+        if rows is not None:
+            yield rows.section()
+        rows, header, blank_lines, lost = None, "", 0, False
+        eigen = _MODE.match(line) if "N U M B E R" in line else None
+        if eigen or ("F R E Q U E N C Y" in line and _FREQUENCY.fullmatch(line)):
             mode, over_time = int(eigen[1]) if eigen else None, False
-        head = _STATISTICS.fullmatch(text[:_LONGEST_HEADER])
+        head = _STATISTICS.fullmatch(text[:_LONGEST_HEADER]) if "statistics" in text else None
         if head is not None:
             statistics = head
             continue
@@ -131,19 +172,62 @@ def dat_sections(
         opened = _opened(text) if statistics is None else _part(text.strip(), statistics)
         if opened is None:
             foreign = foreign or f"from line {number}: {text.strip()[:60]}"
+            strangers += 1
+            if strangers > _MOST_STRANGERS:
+                raise ResultError(f"{strangers} lines are of no section", path, number)
             continue
-        quantity, of, columns, labels, time = opened
-        if not _TIME.fullmatch(time):
-            raise ResultError(f"time of a section: {time!r} is no number", path, number)
-        found = DatSection(
-            quantity, of, columns, fortran(time) * MS_PER_S, labels, over_time=over_time, mode=mode
+        quantity, set_name, columns, labels, time = opened
+        try:
+            time_ms = seconds_to_ms(fortran(time))
+            if not _TIME.fullmatch(time):
+                raise ValueError
+        except ValueError as error:
+            problem = f"time of a section: {time!r} is no number"
+            raise ResultError(problem, path, number) from error
+        section = DatSection(
+            quantity, set_name, columns, time_ms, labels, over_time=over_time, mode=mode
         )
-        if wanted(found.quantity, found.set_name):
-            now = found
-    if now is not None:
-        yield _filled(now, records, path)
+        header = _named(quantity, set_name)
+        if over_time:
+            census.setdefault(time_ms, []).append(header)
+        if statistics is None and (doubt := _doubt_of_header(quantity, columns)):
+            odd.setdefault(doubt)
+        if wanted(quantity, set_name):
+            rows = _Rows(section, path)
+    if rows is not None:
+        yield rows.section()
     if foreign:
         options.note(f"tables of another kind are left out, {foreign}")
+    for doubt in list(odd)[:_MOST_NOTES]:
+        options.note(doubt)
+    _note_changes(census, options)
+
+
+def _doubt_of_header(quantity: str, columns: Sequence[str]) -> str:
+    """What is odd about the header of a section; "" for one that CalculiX is known to write."""
+    if quantity not in _QUANTITIES:
+        return f"{quantity!r} is no known quantity of CalculiX: another version, or a damaged line"
+    usual = _QUANTITIES[quantity].split()
+    if usual and list(columns) not in (usual, ["v(i)", "i=1..ndof"]):
+        return f"{quantity} have the columns {' '.join(columns)}, expected {' '.join(usual)}"
+    return ""
+
+
+def _note_changes(census: Mapping[float, Sequence[str]], options: ReadOptions) -> None:
+    """Note the times that have other sections than the time before.
+
+    What is printed changes with the requests of another step, and by damage.
+    """
+    notes = []
+    for (first_ms, before), (time_ms, now) in pairwise(census.items()):
+        if sorted(before) != sorted(now):
+            absent = Counter(before) - Counter(now)
+            words = f"no {next(iter(absent))}" if absent else "more sections"
+            notes.append(f"at {time_ms:g} ms there is {words}, unlike at {first_ms:g} ms")
+    for note in notes[:_MOST_NOTES]:
+        options.note(note)
+    if len(notes) > _MOST_NOTES:
+        options.note(f"other sections than before at {len(notes) - _MOST_NOTES} more times")
 
 
 def _is_record(line: str) -> bool:
@@ -183,31 +267,53 @@ def _part(text: str, head: re.Match[str]) -> Opened | None:
     return None
 
 
-def _filled(
-    section: DatSection, pieces: Sequence[tuple[int, str | Characters]], path: Path
-) -> DatSection:
-    """`section` with the records of `pieces`, each with the number of its first line."""
-    names, count = len(section.label_names), None
-    labels = [np.empty((0, names), dtype=np.int64)]
-    values: list[FloatArray] = []
-    for number, piece in pieces:
-        regular = None if isinstance(piece, str) or not count else _regular(piece, section, count)
-        if regular is None:
-            text = piece if isinstance(piece, str) else piece.tobytes().decode("latin-1")
-            rows = []
-            for at, line in enumerate(text.splitlines()):
-                if line.strip():
-                    rows.append(_record(line, section, count))
-                    if rows[-1] is None:
-                        problem = f"no record of {section.quantity}: {line[:80]!r}"
-                        raise ResultError(problem, path, number + at)
-                    count = len(rows[-1][1])
-            found = [row for row in rows if row is not None]
-            regular = np.array([row[0] for row in found]), np.array([row[1] for row in found])
-        labels.append(regular[0].astype(np.int64).reshape(len(regular[1]), names))
-        values.append(regular[1].reshape(-1, count or 1))
-    together = np.concatenate(values) if values else np.empty((0, 1))
-    return section.filled(np.concatenate(labels), together)
+class _Rows:
+    """The records of `section`, collected line by line or in tables."""
+
+    def __init__(self, section: DatSection, path: Path) -> None:
+        self._section, self._path = section, path
+        self._count: int | None = None  # of values in a record
+        self._labels: list[IntArray] = []
+        self._values: list[FloatArray] = []
+        self._lines: list[tuple[list[int], list[float]]] = []  # not in arrays yet
+
+    def add(self, number: int, piece: str | Characters) -> None:
+        """Take a line, or a table of lines, whose first has this number."""
+        section = self._section
+        if not isinstance(piece, str):
+            regular = _regular(piece, section, self._count) if self._count else None
+            if regular is not None:
+                self._flush()
+                self._labels.append(regular[0])
+                self._values.append(regular[1])
+                return
+            piece = piece.tobytes().decode("latin-1")
+        for at, line in enumerate(piece.splitlines()):
+            record = _record(line, section, self._count)
+            if record is None:
+                problem = f"no record of {section.quantity}: {line[:80]!r}"
+                raise ResultError(problem, self._path, number + at)
+            self._count = len(record[1])
+            self._lines.append(record)
+            if len(self._lines) >= _LINES_AT_ONCE:
+                self._flush()
+
+    def _flush(self) -> None:
+        if self._lines:
+            labels, values = zip(*self._lines, strict=True)
+            shape = len(self._lines), len(self._section.label_names)
+            self._labels.append(np.array(labels, dtype=np.int64).reshape(shape))
+            self._values.append(np.array(values))
+            self._lines.clear()
+
+    def section(self) -> DatSection:
+        """The section with its records."""
+        self._flush()
+        if not self._values:
+            return self._section.filled(
+                np.empty((0, len(self._section.label_names)), dtype=np.int64), np.empty((0, 1))
+            )
+        return self._section.filled(np.concatenate(self._labels), np.concatenate(self._values))
 
 
 def _regular(
@@ -238,8 +344,17 @@ def _record(
     """Labels and values of a record with `expected` values; None if it is none."""
     values: list[float] = []
     rest = line
-    while rest and (_VALUE.fullmatch(rest[-_VALUE_WIDTH:]) or _ODD_VALUE.fullmatch(rest[-14:])):
-        values.insert(0, fortran(rest[-_VALUE_WIDTH:]))
+    while rest:
+        field = rest[-_VALUE_WIDTH:]
+        if _VALUE.fullmatch(field):
+            try:
+                values.insert(0, fortran(field))
+            except ValueError:  # beyond 1.8e308
+                return None
+        elif _ODD_VALUE.fullmatch(field):
+            values.insert(0, float(field))
+        else:
+            break
         rest = rest[:-_VALUE_WIDTH]
     words = rest.split()
     labels = [int(word) for word in words if _LABEL.fullmatch(word)]
@@ -348,7 +463,9 @@ DAT_COLUMNS = (
     "time_ms", "mode", "quantity", "set", "node", "element", "point", "face",
     "component", "value", "unit",
 )  # fmt: skip
-_VARYING = ("contact", "relative contact")  # as many records as springs are active
+# As many records as springs are active: the same ones in all quantities of one time.
+_VARYING = ("contact stress", "relative contact displacement", "contact print energy")
+_CONTACT_COUNT = "total number of contact elements"
 _PA, _DECK = "Pa", "deck"
 _UNITS = {
     "displacements": "mm", "velocities": "mm/s", "global coordinates": "mm",
@@ -435,43 +552,88 @@ class PrintSource(Source):
 
 
 def _dat_rows(path: Path, options: ReadOptions, quantity: str | None) -> Iterator[Row]:
-    """Rows of all sections; a time with other sections than the one before is noted.
+    """Rows of all sections, or of those of one quantity."""
+    contact = quantity in (*_VARYING, _CONTACT_COUNT)
 
-    Which springs of a contact are active changes; what else is printed does not, but for
-    other requests of another step.
-    """
-    held: dict[float, list[str]] = {}  # of each time, but for the springs
-    wanted = dat_sections(path, lambda name, _: quantity in (None, name), options)
-    for section in _whole(wanted, path, options):
-        if not section.quantity.startswith(_VARYING) and section.over_time:
-            named = _named(section.quantity, section.set_name)
-            held.setdefault(section.time_ms, []).append(named)
-        yield from _section_rows(section, path, options)
-    for (first_ms, was), (time_ms, now) in pairwise(held.items()):
-        if was != now:
-            lost = [named for named in was if named not in now]
-            words = f"no {lost[0]}" if lost else "more sections"
-            options.note(f"at {time_ms:g} ms there is {words}, unlike at {first_ms:g} ms")
-            break
+    def wanted(name: str, _: str) -> bool:
+        return quantity in (None, name) or (contact and name in (*_VARYING, _CONTACT_COUNT))
+
+    for section in _whole(dat_sections(path, wanted, options), path, options):
+        if quantity in (None, section.quantity):
+            yield from _section_rows(section, path, options)
 
 
 def _whole(
     sections: Iterable[DatSection], path: Path, options: ReadOptions
 ) -> Iterator[DatSection]:
-    """The sections that are like the first of their kind; a cut or damaged one is refused."""
+    """The sections that are like the first of their kind; a cut or damaged one is refused.
+
+    Which springs of a contact are active changes: their sections agree with each other at each
+    time, and a change from time to time is noted.
+    """
     firsts: dict[tuple[str, str], DatSection] = {}
     lasts: dict[tuple[str, str], DatSection] = {}
+    springs: dict[str, list[tuple[float, int]]] = {}  # by quantity: time in ms, active springs
+    of_set: dict[tuple[str, tuple[str, ...]], DatSection] = {}  # the last with these labels
+    doubts: dict[str, None] = {}
+    active: DatSection | None = None
     for section in sections:
         key = section.quantity, section.set_name
-        varies = section.quantity.startswith(_VARYING)
+        varies = section.quantity in _VARYING
         first = section if varies else firsts.get(key, section)
-        words = _damage(section, first, lasts.get(key))
+        message = _damage(section, first, lasts.get(key))
+        if (varies or section.quantity == _CONTACT_COUNT) and not message:
+            message = _other_springs(section, active)
+            active = section if varies else active
         lasts[key] = section
-        if not words:
-            firsts.setdefault(key, section)
-            yield section
-        else:
-            options.refuse(words, path, noted=f"dropped the section: {words}")
+        if message:
+            options.refuse(message, path, noted=f"dropped the section: {message}")
+            continue
+        firsts.setdefault(key, section)
+        if varies:
+            springs.setdefault(section.quantity, []).append((section.time_ms, len(section.labels)))
+        elif section.over_time and section.label_names:
+            same = of_set.get((section.set_name, section.label_names), section)
+            of_set[section.set_name, section.label_names] = section
+            if same.time_ms == section.time_ms and not np.array_equal(same.labels, section.labels):
+                counts = f"{len(section.labels)} records, {same.quantity} {len(same.labels)}"
+                doubts.setdefault(f"{section} has {counts}, or of others")
+        yield section
+    for doubt in list(doubts)[:_MOST_NOTES]:
+        options.note(doubt)
+    for quantity, held in springs.items():
+        _note_springs(quantity, held, options)
+
+
+def _other_springs(section: DatSection, active: DatSection | None) -> str:
+    """How contact springs differ from those that were `active` at the same time; or ""."""
+    if active is None or active.time_ms != section.time_ms:
+        return ""
+    if section.quantity == _CONTACT_COUNT:
+        count = int(section.values[0, 0]) if section.values.size else 0
+        if count == len(active.labels):
+            return ""
+        return f"{active} has {len(active.labels)} records, {section.quantity} is {count}"
+    if active.quantity == section.quantity or active.label_names != section.label_names:
+        return ""
+    if np.array_equal(active.labels, section.labels):
+        return ""
+    count = len(section.labels)
+    return f"{section} has {count} records, {active.quantity} {len(active.labels)}, or of others"
+
+
+def _note_springs(quantity: str, counts: Sequence[tuple[float, int]], options: ReadOptions) -> None:
+    """Note when the count of active springs changes, which a lost or duplicate row does, too."""
+    changes = [
+        f"{count} at {time_ms:g} ms"
+        for (_, before), (time_ms, count) in pairwise(counts)
+        if count != before
+    ]
+    if changes:
+        shown = ", ".join([f"{counts[0][1]} at first", *changes[:_SHOWN_CHANGES]])
+        more = len(changes) - _SHOWN_CHANGES
+        shown += f" and {more} more changes" * (more > 0)
+        options.note(f"records of {quantity}: {shown}; springs open and close, or rows are lost")
 
 
 def _damage(section: DatSection, first: DatSection, before: DatSection | None) -> str:
@@ -481,6 +643,8 @@ def _damage(section: DatSection, first: DatSection, before: DatSection | None) -
     count, usual = len(section.labels), len(first.labels)
     if count != usual:
         return f"{section} is {'cut' if count < usual else 'damaged'}: {count} of {usual} records"
+    if section.columns != first.columns:
+        return f"{section} has {' '.join(section.columns)}, before it {' '.join(first.columns)}"
     if not np.array_equal(section.labels, first.labels):
         return f"{section} has not the {section.label_names[0]}s of {first.time_ms:g} ms"
     if section.label_names == ("element", "point") and count:
@@ -494,7 +658,7 @@ def _damage(section: DatSection, first: DatSection, before: DatSection | None) -
     if section.time_ms < before.time_ms:
         return f"{section} comes after {before.time_ms:g} ms"
     same = section.time_ms == before.time_ms and np.array_equal(section.values, before.values)
-    return f"{section} is duplicate" if same and count else ""
+    return f"{section} is duplicate" if same else ""
 
 
 def _section_rows(section: DatSection, path: Path, options: ReadOptions) -> Iterator[Row]:

@@ -166,6 +166,14 @@ class Result:
 
             nodes = choose_nodes(self.source, nodes or (), sets, near_mm, deck)
         elif self.run is not None:
+            if not self.run.afferents:
+                folder = self.run.folder
+                raise ResultError(
+                    f"run.toml names no afferent: choose nodes, fembridge ingest {folder} --node N "
+                    f"(nodes=[N]; fembridge ingest {folder} --list shows the sets), or build the "
+                    "deck with --afferent SA=N",
+                    self.source.path,
+                )
             return [(place.afferent, place.node) for place in self.run.afferents]
         elif not (nodes := self.named_nodes()):
             raise ResultError("no run.toml beside it: name the nodes to read", self.source.path)

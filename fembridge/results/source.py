@@ -17,6 +17,7 @@ import numpy as np
 
 from decks.unit_system import UnitSystem
 from fembridge.errors import ResultError, UsageError
+from fembridge.memory import check_unpacked
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.fields import (
     Block,
@@ -25,6 +26,7 @@ from fembridge.results.fields import (
     Scene,
     arrays_of,
     derived_of,
+    node_numbers,
     rows_of,
     spread,
 )
@@ -42,7 +44,7 @@ from fembridge.tables import write_table
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
 LAST = "last"  # increment
-_INCREMENT = re.compile(r"(?:(\d{1,9}):)?(\d{1,9})")
+_INCREMENT = re.compile(r"(?:(\d{1,9}):)?(\d{1,9})", re.ASCII)
 
 
 class Source(AbstractContextManager["Source"]):
@@ -162,13 +164,13 @@ class FieldSource(Source, Generic[_Block]):
         """Outputs that have `names`, and these alone."""
         raise NotImplementedError
 
-    def history_name(self, held: Sequence[str], quantity: str | None) -> str:
-        """The name among those `held` that a history takes."""
+    def history_name(self, available: Sequence[str], quantity: str | None) -> str:
+        """The name among those `available` that a history takes."""
         raise NotImplementedError
 
-    def field_name(self, held: Sequence[str], quantity: str | None) -> str:
-        """The name among those `held` that `quantity` means."""
-        return name_in(held, quantity, self.path)
+    def field_name(self, available: Sequence[str], quantity: str | None) -> str:
+        """The name among those `available` that `quantity` means."""
+        return name_in(available, quantity, self.path)
 
     def at_nodes(self, blocks: Sequence[_Block], nodes: Sequence[int]) -> FloatArray:
         """Values of one quantity, ``(T, node, component)``."""
@@ -204,11 +206,14 @@ class FieldSource(Source, Generic[_Block]):
         fields: list[Field] = []
         for block in blocks:
             fields.append(self.whole(block, fields[-1].nodes if fields else None))
-        nodes = fields[0].nodes
-        for one in fields:
-            if one.nodes is not fields[0].nodes:
-                nodes = np.union1d(nodes, one.nodes)
-        nodes = np.unique(nodes)
+        distinct = {
+            id(one.nodes.base): one.nodes for one in fields
+        }  # `whole` keeps equal ones once
+        nodes = np.unique(np.concatenate(list(distinct.values())))
+        # A few nodes at each output, always others, make a large table of a small file.
+        table_bytes = 8 * len(fields) * nodes.size * len(blocks[0].components)
+        subject, failed = f"{blocks[0].name} at all nodes", ResultError.at(self.path)
+        check_unpacked(self.file.size, table_bytes, subject, failed, copies=3)
         values = np.full((len(fields), nodes.size, len(blocks[0].components)), np.nan)
         for row, one in enumerate(fields):
             rows = rows_of(nodes, one.nodes)
@@ -237,7 +242,7 @@ class FieldSource(Source, Generic[_Block]):
         if nodes is None:
             numbers, values = self.everywhere(blocks)
         else:
-            numbers = np.array([int(node) for node in nodes], dtype=np.int64)
+            numbers = np.array(node_numbers(nodes), dtype=np.int64)
             values = self.at_nodes(blocks, numbers.tolist())
             whole = np.isfinite(values).all(axis=(1, 2))
             for row in np.flatnonzero(~whole).tolist():

@@ -15,25 +15,32 @@ real files. Time is taken as s, length as mm.
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
-from itertools import accumulate, pairwise
+from functools import cache
+from itertools import accumulate, islice, pairwise
 from pathlib import Path
 from typing import Any
 
 from fembridge.errors import ResultError
+from fembridge.number import parse_number
 from fembridge.results.byte_file import suffix_of, text_lines
 from fembridge.results.read_options import ReadOptions
-from fembridge.trace import MS_PER_S
+from fembridge.trace import seconds_to_ms
 
 SUCCESS = 3004
 """The exit number of a job of Marc that reached its end."""
 
-_REAL = re.compile(r" *[+-]?\d*\.\d*(?:[Ee][+-]?\d{1,3}|[+-]\d{2,3})? *")
+_REAL = re.compile(r" *[+-]?\d?\.\d{4,}(?:[Ee][+-]\d{2,3}|[+-]\d{3}) *")
+_WORD = re.compile(r"[^\sU]+")  # U behind an attempt that failed
+_NO_LETTER = re.compile(r"(?<=[\d.])(?=[+-])")
+_NOT_ZERO = re.compile(r" *[+-]?0*\.?0*[1-9]")
+_REAL_OF_MARC = re.compile(r" *[+-]?\d\.\d{4}(?:E[+-]\d{2}|[+-]\d{3}) *")
 _OVERFLOW = re.compile(r" *\*+ *")
 _NOT_FINITE = re.compile(r" *[+-]?(nan|inf|infinity) *", re.IGNORECASE)
 _FIRST_LINE = "style=1"  # of a .sts
 _UNDER_HEADER = ("#", "|--")  # two more lines of names
 _HEADER = "case inc cycl sepa cut cycl separ cut rmesh time step total time displ-mag"
 _EXIT = re.compile(r"job ends with exit number *:? *(\d+)", re.IGNORECASE)
+_STA_ROUNDING, _STS_ROUNDING = 2.0e-6, 2.0e-4  # share of a sum: seven and five digits are printed
 _AFTER = re.compile(r"total (?:wall|cpu) +time *:.*", re.IGNORECASE)
 
 
@@ -131,8 +138,17 @@ def _long_count(field: str) -> int | None:
 
 
 def fortran(text: str) -> float:
-    """A number as Fortran prints it: ``1.000000-101`` has lost its E."""
-    return float(re.sub(r"(?<=[\d.])(?=[+-])", "E", text))
+    """A finite number as Fortran prints it: ``1.000000-101`` has lost its E.
+
+    Raises
+    ------
+    ValueError
+        It is no number, or out of the range of float64.
+    """
+    value = parse_number(_NO_LETTER.sub("E", text))
+    if value == 0.0 and _NOT_ZERO.match(text):
+        raise ValueError(f"{text.strip()!r} is too small for a number of float64")
+    return value
 
 
 def _real(field: str) -> float:
@@ -142,8 +158,19 @@ def _real(field: str) -> float:
     return fortran(field)
 
 
+def _real_of_marc(field: str) -> float:
+    """A number of a ``.sts``, which has five digits."""
+    if not _REAL_OF_MARC.fullmatch(field):
+        raise ValueError(f"{field.strip()!r} is no number of five digits")
+    return _real(field)
+
+
 def _ms(field: str) -> float:
-    return _real(field) * MS_PER_S
+    return seconds_to_ms(_real(field))
+
+
+def _ms_of_marc(field: str) -> float:
+    return seconds_to_ms(_real_of_marc(field))
 
 
 def _percent(field: str) -> float:
@@ -170,13 +197,18 @@ _CVG: _Columns = (
 )  # fmt: skip
 _STS: _Columns = (
     *((width, _long_count) for width in (7, 7, 5, 5, 5, 8, 8, 6, 6)),
-    (12, _ms), (12, _ms), (12, _real), (12, _real),
+    (12, _ms_of_marc), (12, _ms_of_marc), (12, _real_of_marc), (12, _real_of_marc),
 )  # fmt: skip
+
+
+@cache
+def _ends(widths: tuple[int, ...]) -> list[int]:
+    return list(accumulate(widths))
 
 
 def _row(kind: Callable[..., Any], columns: _Columns, line: str, path: Path, number: int) -> Any:  # noqa: ANN401
     """A `kind` of a line; by words, where the columns do not stand where they are known to."""
-    ends = list(accumulate(width for width, _ in columns))
+    ends = _ends(tuple(width for width, _ in columns))
     cells = [line[end - width : end] for end, (width, _) in zip(ends, columns, strict=True)]
     if kind is StsRow and len(line.split()) == len(columns):
         cells, line = line.split(), ""
@@ -192,12 +224,12 @@ def _rows(
     kind: Callable[..., Any], columns: _Columns, path: Path, header_lines: int, known: int
 ) -> list[Any]:
     """A `kind` of each ended, not blank line under the header but the first `known`."""
-    lines = [
+    lines = (
         (number, line)
         for number, line, ended in text_lines(path)
         if number > header_lines and ended and line.strip()
-    ]
-    return [_row(kind, columns, line, path, number) for number, line in lines[known:]]
+    )
+    return [_row(kind, columns, line, path, number) for number, line in islice(lines, known, None)]
 
 
 def read_sta(path: Path, known: int = 0) -> list[StaRow]:
@@ -253,11 +285,21 @@ def status_rows(path: Path, options: ReadOptions) -> Iterator[Sequence[object]]:
         rows, problem = found.rows, found.problem
     else:
         rows = read_sta(path) if kind is StaRow else read_cvg(path)
+        header_lines, ends, doubt = 2 if kind is StaRow else 4, list[int](), ""
         for number, line, ended in text_lines(path):
+            if number > header_lines and ended and line.strip() and not doubt:
+                now = [word.end() for word in _WORD.finditer(line)]
+                if len(now) == len(ends) and now != ends:
+                    doubt = f"line {number}: its columns are not those of the lines above"
+                ends = now
             if not ended:
                 problem = f"line {number} has no end yet and is left out: {line[:40]!r}"
-    if words := _out_of_order(rows):
-        options.refuse(words, path)
+        if doubt:
+            options.note(doubt)
+    if message := _out_of_order(rows):
+        options.refuse(message, path)
+    elif message := _contradiction(rows):
+        options.note(message)
     if problem is not None:
         options.note(problem)
     yield tuple(column.name for column in fields(kind))
@@ -291,4 +333,51 @@ def _out_of_order(rows: Sequence[Any]) -> str:
                 f"row {number}, of increment {row.increment}, cannot follow {last}: rows are "
                 "missing, duplicate or not in order"
             )
+    return ""
+
+
+def _contradiction(rows: Sequence[Any]) -> str:
+    """Which row has a time or a sum that does not follow from the row before; "" where all do.
+
+    Within a step, the times of a ``.sta`` grow by each increment that converged; a ``.sts`` sums
+    times and counts over the job.
+    """
+    for number, (before, row) in enumerate(pairwise(rows), start=2):
+        if isinstance(row, CvgRow):
+            continue
+        share, sums = _STS_ROUNDING, {"total_time_ms": before.total_time_ms}
+        growth_ms = row.increment_time_ms
+        if isinstance(row, StaRow):
+            share, sums = _STA_ROUNDING, {"step_time_ms": before.step_time_ms, **sums}
+            growth_ms = 0.0 if row.failed else growth_ms
+            if row.step != before.step:
+                sums["step_time_ms"] = 0.0
+                if row.total_time_ms <= before.total_time_ms:  # TIME RESET
+                    del sums["total_time_ms"]
+        for name, before_ms in sums.items():
+            expected_ms = before_ms + growth_ms
+            if abs(getattr(row, name) - expected_ms) > share * abs(expected_ms):
+                return (
+                    f"row {number}, of increment {row.increment}: {name} is "
+                    f"{getattr(row, name):g}, the row before and the increment make "
+                    f"{expected_ms:g}"
+                )
+        if isinstance(row, StsRow):
+            if None not in (row.load_case, before.load_case):
+                cases = before.load_case, before.load_case + 1
+                if row.load_case not in cases:
+                    return f"row {number}: load case {row.load_case} comes after {cases[0]}"
+            if (
+                None not in (row.remeshings, before.remeshings)
+                and row.remeshings < before.remeshings
+            ):
+                return f"row {number}, of increment {row.increment}: remeshings become fewer"
+            for name in ("cycles", "separations", "cut_backs"):
+                total, last = getattr(row, f"total_{name}"), getattr(before, f"total_{name}")
+                count = getattr(row, name)
+                if None not in (total, last, count) and total != last + count:
+                    return (
+                        f"row {number}, of increment {row.increment}: total_{name} is {total}, "
+                        f"the row before and {name} make {last + count}"
+                    )
     return ""

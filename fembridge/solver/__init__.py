@@ -1,1 +1,1 @@
-"""CalculiX on this machine: a run folder in, accepted results or the cause out."""
+"""CalculiX on this machine: solves a run folder, and accepts the results or names the cause."""

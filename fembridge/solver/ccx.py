@@ -1,19 +1,20 @@
-"""CalculiX in run folders: started, watched while it runs, stopped, and put on record.
+"""CalculiX in run folders: starts it, watches it, stops it and records the outcome.
 
 ``ccx -i solving/job`` is started in the run folder itself, so that an ``*INCLUDE``
-in the deck finds its file where its author expects it.
+in the deck finds its file relative to the run folder.
 
-``solving/``     while it runs: a copy of the deck, and all files of the solver
-``failed/``      after a run that was not accepted: the same, with ``cause.txt``
-``solver.toml``  of an accepted run: which deck the results answer, and their cost
+``solving/``     during a run: a copy of the deck, and all files of the solver
+``failed/``      after a rejected run: the same files, with ``cause.txt``
+``solver.toml``  after an accepted run: checksums of deck and results, and their cost
 
-An accepted run's files move up beside the deck, the record last; it is removed before
-anything is replaced. So ``job.frd`` is always the whole result of a good run, whatever
-became of later ones, and where the record's checksums agree it is of this deck.
+The files of an accepted run are moved next to the deck, the record last; the old record is
+removed before any file is replaced. So ``job.frd`` is always the complete result of an
+accepted run, whether later runs fail or not, and where the checksums of the record match,
+it is the result of this deck.
 
-Run folders of another solver are run by the function that a package has for it under the
-entry point group ``fembridge.solvers``: the entry's name is the one in ``run.toml``, its
-object is called as `run_ccx` is.
+Another solver is run by the function that a package registers in the entry point group
+``fembridge.solvers``. The entry has the solver's name in ``run.toml``; its object has the
+signature of `run_ccx`.
 """
 
 import contextlib
@@ -21,7 +22,6 @@ import os
 import re
 import shutil
 import subprocess
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -39,15 +39,23 @@ from fembridge.run_folder import SOLVER_FILE, RunFolder, read_run_folder
 from fembridge.solver.process import signals_as_exits, start, stop
 from fembridge.solver.settings import DEFAULTS, OnProgress, Progress, SolverSettings
 from fembridge.solver.verdict import Cause, Failure, Outcome, find_card, judge, read_solver_log
-from fembridge.store import folder_lock, make_folder, read_toml, sha256_of, write_text, write_toml
+from fembridge.store import (
+    folder_lock,
+    make_folder,
+    read_toml,
+    sha256_of,
+    working_folder,
+    write_text,
+    write_toml,
+)
 from fembridge.typing import Table
 
 ENTRY_POINTS = "fembridge.solvers"
 FIRST_LOOK_S = 0.05
 READING_S = 30.0
-"""Longest reading of a deck without analysis."""
+"""Longest time in s for CalculiX to read a deck without analysis."""
 SLOWEST_LOOK_S = 1.0
-"""Looks get rarer as a run gets longer."""
+"""Longest pause in s between two looks at the files; pauses grow during a run."""
 
 _END_STEP = re.compile(rb"^[ \t]*\*[ \t]*END[ \t]*STEP", re.MULTILINE | re.IGNORECASE)
 _NO_ANALYSIS = "no analysis option"
@@ -58,56 +66,76 @@ CAUSE_FILE = "cause.txt"
 LOG_FILE = "solver.log"
 LOCK_FILE = ".solver.lock"
 FIXED_NAMES = ("spooles.out", "ResultsForLastIterations.frd")
-"""Files that CalculiX writes where it was started, not beside its deck."""
+"""Files that CalculiX writes in its working directory instead of next to its deck."""
 OLD_RESULTS = (".frd", ".dat", ".sta", ".cvg", ".12d", ".cel")
-"""What belongs to one run: none of it may stay beside the results of another."""
+"""Suffixes of a run's files; those of an earlier run are removed from the run folder."""
 RECORD_FORMAT = 1
 REFERS = re.compile(r"(?im)^\s*\*(?:INCLUDE|RESTART|SUBMODEL)|^\s*\*.*,\s*(?:INPUT|FILE)\s*=")
 """Cards of a deck that read another file."""
 
-_NAMED = (("finger", "name"), ("stimulus", "id"))
-"""What of a run's inputs names it to a person."""
+_CACHED_FAILURES = (Cause.DIVERGED, Cause.NEGATIVE_JACOBIAN)
+"""Failures stored in the cache: those that the solver would repeat with the same deck."""
+_LABEL_KEYS = (("finger", "name"), ("stimulus", "id"))
+"""Keys of a run's inputs that label its entry in the cache."""
 
 
 Solver: TypeAlias = Callable[[RunFolder, SolverSettings, threading.Event | None], Outcome]
-"""Solve one run; a run that is not accepted is an outcome, not an exception."""
+"""Solves one run; a rejected run is an outcome, not an exception."""
 
 
 def run_folders(
     folders: Iterable[Path | RunFolder], settings: SolverSettings = DEFAULTS, *, force: bool = False
 ) -> list[Outcome]:
-    """Outcomes, one a folder, in the order given; a duplicate is run once.
+    """Outcomes of the runs in `folders`, in that order; a duplicate folder is run once.
 
-    Each is run with the solver that its ``run.toml`` names, ``settings.jobs`` at the
-    same time; with `force` also where whole results of the same deck are. All that is
-    wrong with one folder is the failure in its outcome; nothing of it is raised.
+    Each run uses the solver in its ``run.toml``. An error in one folder becomes the
+    failure of its outcome and is not raised.
+
+    Parameters
+    ----------
+    folders
+        Run folders, or paths of run folders.
+    settings
+        How the solver is run; ``settings.jobs`` runs at the same time.
+    force
+        Also solve folders that have complete results of the same deck. Default: False.
+
+    Raises
+    ------
+    UsageError
+        The cache folder is no cache: raised before any run.
     """
+    if settings.cache:
+        cache.check_cache()
     halt = threading.Event()
 
-    def solve(one: tuple[Path, RunFolder | None]) -> Outcome:
-        folder, run = one
+    def solve(entry: tuple[Path, RunFolder | None]) -> Outcome:
+        folder, run = entry
         if halt.is_set():
-            return Outcome(folder, Failure(Cause.INTERRUPTED, "before it began"))
+            return Outcome(folder, Failure(Cause.INTERRUPTED, "before it was started"))
         try:
             run = run or read_run_folder(folder)
             solver = load_solver(run.solver)
             finished = None if force else finished_outcome(run)
             return finished or solver(run, settings, halt)
-        except FembridgeError as error:
-            problem = str(error).removeprefix(f"{folder}: ")
+        except (OutputError, ResultError) as error:
+            in_folder = error.path == folder and error.line is None
+            problem = error.problem if in_folder else str(error)
             return Outcome(folder, Failure(Cause.BAD_FOLDER, problem))
+        except FembridgeError as error:
+            return Outcome(folder, Failure(Cause.BAD_FOLDER, str(error)))
         except BaseException:
             halt.set()  # before this thread takes the next folder
             raise
 
     unique: dict[Path, tuple[Path, RunFolder | None]] = {}
-    for one in folders:
-        folder, run = (one, None) if isinstance(one, Path) else (one.folder, one)
+    for entry in folders:
+        folder, run = (entry, None) if isinstance(entry, Path) else (entry.folder, entry)
         unique.setdefault(folder.resolve(), (folder, run))
     with signals_as_exits(), ThreadPoolExecutor(settings.jobs) as pool:
         try:
             return list(pool.map(solve, unique.values()))
-        finally:  # after Ctrl-C the pool waits until each solver is stopped
+        finally:  # after Ctrl-C the pool waits until every solver has stopped
             halt.set()
 
 
@@ -123,22 +151,29 @@ def load_solver(name: str) -> Solver:
         return loaded
     if name in DIALECTS:
         raise MissingError(
-            f"{name.capitalize()} is run with your own solver, in the run folder: "
+            f"{name.capitalize()} is not run by fembridge: start it in the run folder with "
             f"{DIALECTS[name].how_to_run}"
         )
-    known = ", ".join(sorted({"calculix", *rows.names}))
-    raise MissingError(f"no solver {name!r} here; there is {known}")
+    names = ", ".join(sorted({"calculix", *rows.names}))
+    raise MissingError(f"no solver {name!r}, expected one of {names}")
 
 
 def run_ccx(
     run: RunFolder, settings: SolverSettings = DEFAULTS, halt: threading.Event | None = None
 ) -> Outcome:
-    """Solve `run`, so that its results are beside its deck.
+    """Outcome of `run`, solved here; accepted results are next to its deck.
 
-    A run that is not accepted is an outcome, not an exception; what the solver left of
-    it is in ``failed/``, and results of an earlier run are untouched. When another
-    thread sets `halt`, the solver is stopped and the outcome is ``INTERRUPTED``.
+    A rejected run is an outcome, not an exception; its files are in ``failed/``, and results
+    of an earlier run are untouched. When another thread sets `halt`, the solver is stopped
+    and the outcome is ``INTERRUPTED``.
+
+    Raises
+    ------
+    UsageError
+        The cache folder is no cache: see `fembridge.cache.check_cache`.
     """
+    if settings.cache:
+        cache.check_cache()
     failure = Failure(Cause.BAD_FOLDER, f"no {run.deck.name}", "build the deck again")
     if run.deck.is_file():
         try:
@@ -154,22 +189,24 @@ def run_ccx(
     return Outcome(run.folder, failure)
 
 
-def solve_once(run: RunFolder, settings: SolverSettings = DEFAULTS) -> Outcome:
-    """Outcome of `run`, which is solved unless whole results of its deck are there."""
-    return finished_outcome(run) or run_ccx(run, settings)
+def solve_once(
+    run: RunFolder, settings: SolverSettings = DEFAULTS, halt: threading.Event | None = None
+) -> Outcome:
+    """Outcome of `run`, solved unless complete results of its deck exist."""
+    return finished_outcome(run) or run_ccx(run, settings, halt)
 
 
 def warnings_of(run: RunFolder, deck: Path) -> list[str]:
-    """What ccx will leave out of the deck of `run`: it reads it, without analysis.
+    """Warnings of ccx about cards that it ignores in the deck of `run`.
 
-    Lines are those of `deck`, from which that was made. None where there is no ccx; what
-    was said until then, and that it was not read, where it takes longer than half a minute.
+    ccx reads the deck without analysis, for at most 30 s. Line numbers are those of `deck`,
+    from which the deck of `run` was made. Empty without ccx; where the time is over, the
+    warnings so far and a note.
     """
     program = find_ccx()
     if program is None:
         return []
-    with tempfile.TemporaryDirectory() as name, contextlib.suppress(OSError):
-        work = Path(name)
+    with contextlib.suppress(OSError, OutputError), working_folder(run.folder) as work:
         for path in run.folder.iterdir():
             if path.is_file() and path.suffix not in (".frd", ".dat", ".toml"):
                 shutil.copyfile(path, work / path.name)
@@ -178,20 +215,23 @@ def warnings_of(run: RunFolder, deck: Path) -> list[str]:
         process = start(program, ["-i", JOB], work, log, threads=1)
         try:
             process.wait(READING_S)
-            unread = []
+            unfinished = []
         except subprocess.TimeoutExpired:
+            unfinished = [f"CalculiX had not read the deck after {READING_S:g} s"]
+        finally:
             stop(process, grace_s=0)
-            unread = [f"CalculiX had not read the deck after {READING_S:g} s: it may never"]
-        said = [each for each in read_solver_log(log).dropped if _NO_ANALYSIS not in each.text]
-        lines = [each.card and find_card(deck, each.card) for each in said]
-        places = [f"line {line}: " if line else "" for line in lines]
-        warned = zip(places, said, strict=True)
-        return [*(f"{at}CalculiX warns: {each}" for at, each in warned), *unread]
+        messages = [
+            message for message in read_solver_log(log).dropped if _NO_ANALYSIS not in message.text
+        ]
+        lines = [message.card and find_card(deck, message.card) for message in messages]
+        prefixes = [f"line {line}: " if line else "" for line in lines]
+        numbered = zip(prefixes, messages, strict=True)
+        return [*(f"{at}CalculiX warns: {message}" for at, message in numbered), *unfinished]
     return []
 
 
 def finished_outcome(run: RunFolder) -> Outcome | None:
-    """The outcome on record, if the results are whole and of the deck there; else None."""
+    """Recorded outcome, where the results are complete and match the deck; else None."""
     try:
         table = read_toml(run.folder / SOLVER_FILE, FembridgeError)
         recorded = {name: text for name, text in table.items() if name.endswith("_sha256")}
@@ -215,8 +255,8 @@ def finished_outcome(run: RunFolder) -> Outcome | None:
 class Watchdog:
     """Watches the files that the solver of `run` writes in the folder `work`.
 
-    CalculiX flushes its ``.sta`` and ``.cvg`` line by line; when they have grown, what is new
-    in them is read. The caller brings the time: seconds since the start.
+    CalculiX flushes its ``.sta`` and ``.cvg`` line by line; new lines are read. The caller
+    passes the time in seconds since the start.
     """
 
     def __init__(self, work: Path, run: RunFolder, settings: SolverSettings) -> None:
@@ -226,72 +266,85 @@ class Watchdog:
         self._sta: list[StaRow] = []
         self._cvg: list[CvgRow] = []
 
-    def look(self, elapsed_s: float) -> Progress:
-        """Look at the files: how far the run is."""
-        before, self._sizes = self._sizes, {}
+    def read_progress(self, elapsed_s: float) -> Progress:
+        """Progress of the run, from the files at `elapsed_s`."""
+        earlier_sizes, self._sizes = self._sizes, {}
         try:
             with os.scandir(self._work) as entries:
                 for entry in entries:
                     with contextlib.suppress(FileNotFoundError):  # a scratch file of the solver
                         self._sizes[entry.name] = entry.stat().st_size
         except OSError as error:
-            raise OutputError(f"gone during the run: {error.strerror}", self._work) from error
-        changed = {name for name, _ in before.items() ^ self._sizes.items()}
+            raise OutputError(
+                f"disappeared during the run: {error.strerror}", self._work
+            ) from error
+        changed = {name for name, _ in earlier_sizes.items() ^ self._sizes.items()}
         if changed:
             self._grown_at_s = elapsed_s
-        # A line that cannot be read changes nothing here; the verdict will report it.
+        # A line that cannot be read is ignored here and reported by the verdict.
         with contextlib.suppress(ResultError):
             if f"{JOB}.sta" in changed:
                 self._sta += read_sta(self._work / f"{JOB}.sta", len(self._sta))
         with contextlib.suppress(ResultError):
             if f"{JOB}.cvg" in changed:
                 self._cvg += read_cvg(self._work / f"{JOB}.cvg", len(self._cvg))
-        good = [row for row in self._sta if not row.failed]
+        converged = [row for row in self._sta if not row.failed]
         attempts = [(row.step, row.increment, row.attempt) for row in self._cvg]
-        here = next((n for n, one in enumerate(reversed(attempts)) if one != attempts[-1]), None)
+        attempt_iterations = next(
+            (n for n, attempt in enumerate(reversed(attempts)) if attempt != attempts[-1]), None
+        )
         return Progress(
             folder=self._run.folder,
-            increment=len(good),
+            increment=len(converged),
             increments=self._run.increments_in_all,
-            time_ms=good[-1].total_time_ms if good else 0.0,
+            time_ms=converged[-1].total_time_ms if converged else 0.0,
             end_ms=self._run.end_ms,
             iterations=len(attempts),
-            iterations_here=len(attempts) if here is None else here,
+            iterations_here=len(attempts) if attempt_iterations is None else attempt_iterations,
             elapsed_s=elapsed_s,
         )
 
-    def complaint(self, progress: Progress) -> Failure | None:
-        """The reason to stop the run, if what `look` has seen is one."""
+    def stop_reason(self, progress: Progress) -> Failure | None:
+        """Failure for which the run must be stopped, or None."""
         settings, elapsed_s = self._settings, progress.elapsed_s
-        place = (
+        progress_text = (
             f"after {progress.increment} of {progress.increments} increments, "
             f"{progress.time_ms:g} of {progress.end_ms:g} ms"
         )
-        most = settings.iteration_limit
-        if most is not None and progress.iterations_here > most:
-            found = f"{progress.iterations_here} iterations, limit {most}, {place}"
-            return Failure(Cause.ENDLESS_ITERATION, found)
+        max_iterations = settings.iteration_limit
+        if max_iterations is not None and progress.iterations_here > max_iterations:
+            finding = (
+                f"{progress.iterations_here} iterations, limit {max_iterations}, {progress_text}"
+            )
+            return Failure(Cause.ENDLESS_ITERATION, finding)
         if settings.time_limit_s is not None and elapsed_s > settings.time_limit_s:
-            return Failure(Cause.TIME_LIMIT, f"{settings.time_limit_s:g} s were over {place}")
-        still_s = elapsed_s - self._grown_at_s
-        if settings.stall_limit_s is not None and still_s > settings.stall_limit_s:
-            return Failure(Cause.STALLED, f"no file has grown for {still_s:.0f} s {place}")
+            finding = f"{settings.time_limit_s:g} s were over {progress_text}"
+            return Failure(Cause.TIME_LIMIT, finding)
+        idle_s = elapsed_s - self._grown_at_s
+        if settings.stall_limit_s is not None and idle_s > settings.stall_limit_s:
+            return Failure(Cause.STALLED, f"no file has grown for {idle_s:.0f} s {progress_text}")
         return None
 
 
 def _run(
     program: Path, run: RunFolder, settings: SolverSettings, halt: threading.Event | None
 ) -> Outcome:
-    """Run, judge, and put the files where they belong; the folder is locked for it."""
+    """Outcome of a run in the locked folder: solved, judged, files moved to their place."""
     work = run.folder / WORK_FOLDER
-    deck_sha256 = _begin(run, work)
-    key = _cache_key(program, run.deck, deck_sha256) if settings.cache else None
-    if key is not None and (known := cache.take(key, work)) is not None:
-        return _solved_before(run, work, known)
+    try:
+        deck_sha256 = _prepare_work_folder(run, work)
+        key = _cache_key(program, run.deck, deck_sha256) if settings.cache else None
+        if key is not None and (record := cache.take(key, work)) is not None:
+            if (outcome := _outcome_from_cache(run, work, record)) is not None:
+                return outcome
+            _prepare_work_folder(run, work)
+    except OutputError:  # an incomplete deck or cache entry on a full disk
+        shutil.rmtree(work, ignore_errors=True)
+        raise
     watchdog = Watchdog(work, run, settings)
     begin_s = time.monotonic()
-    words = ["-i", os.path.join(WORK_FOLDER, JOB)]  # noqa: PTH118 - a word for ccx
-    process = start(program, words, run.folder, work / LOG_FILE, settings.threads)
+    arguments = ["-i", os.path.join(WORK_FOLDER, JOB)]  # noqa: PTH118 - an argument of ccx
+    process = start(program, arguments, run.folder, work / LOG_FILE, settings.threads)
     try:
         failure = _watch(process, watchdog, begin_s, settings.on_progress, halt)
     except BaseException as error:
@@ -304,7 +357,7 @@ def _run(
     _collect(run, work)
     log = read_solver_log(work / LOG_FILE)
     failure = failure or judge(work, run, process.returncode, log)
-    progress = watchdog.look(wall_s)
+    progress = watchdog.read_progress(wall_s)
     outcome = Outcome(
         folder=run.folder,
         failure=failure,
@@ -320,7 +373,7 @@ def _run(
     if failure is None:
         write_record(work, run.solver, outcome)
     if key is not None:
-        _into_cache(key, run, work, outcome)
+        _store_in_cache(key, run, work, outcome)
     if failure is None:
         _publish(run, work)
     else:
@@ -329,15 +382,22 @@ def _run(
 
 
 def _cache_key(program: Path, deck: Path, deck_sha256: str) -> str | None:
-    """Key of a run by what it is made from; None where files beside the deck count too."""
+    """Cache key of a run from deck and solver; None where the deck includes other files."""
     if REFERS.search(deck.read_text(encoding="ascii", errors="replace")):
         return None
     made_from = {"deck": deck_sha256, "solver": sha256_of(program), "record": RECORD_FORMAT}
     return cache.key_of(made_from)
 
 
-def _begin(run: RunFolder, work: Path) -> str:
-    """Make `work` anew, with the deck in it; the checksum of that."""
+def _prepare_work_folder(run: RunFolder, work: Path) -> str:
+    """Checksum of the deck in `work`, a new folder with a copy of the deck.
+
+    A killed run leaves `work` and files outside of it; both are removed.
+    """
+    if work.is_dir():
+        for name in FIXED_NAMES:
+            with contextlib.suppress(OSError):
+                (run.folder / name).unlink()
     for folder in (work, run.folder / FAILED_FOLDER):
         _remove(folder)
     make_folder(work)
@@ -348,34 +408,42 @@ def _begin(run: RunFolder, work: Path) -> str:
     return sha256_of(work / f"{JOB}.inp")
 
 
-def _solved_before(run: RunFolder, work: Path, known: Table) -> Outcome:
-    """The outcome of a run from the cache, whose files are in `work`, checked by it."""
-    if "cause" in known:
-        failure = Failure(Cause[known["cause"]], known["found"])
+def _outcome_from_cache(run: RunFolder, work: Path, record: Table) -> Outcome | None:
+    """Outcome of a run from the cache with its files in `work`; None for an invalid entry."""
+    cause, finding, version = (record.get(name) for name in ("cause", "found", "version"))
+    if cause is not None:
+        causes = {end.name: end for end in _CACHED_FAILURES if end.name == cause}
+        if not (causes and isinstance(finding, str) and isinstance(version, str)):
+            return None
+        failure = Failure(causes[cause], finding)
         _keep_evidence(run, work, failure)
-        return Outcome(run.folder, failure, cached=True, version=known["version"])
+        return Outcome(run.folder, failure, cached=True, version=version)
+    outcome = finished_outcome(replace(run, folder=work))
+    if outcome is None:
+        return None
     _publish(run, work)
-    outcome = finished_outcome(run)
-    assert outcome is not None
-    return replace(outcome, cached=True)
+    return replace(outcome, folder=run.folder, cached=True)
 
 
-def _into_cache(key: str, run: RunFolder, work: Path, outcome: Outcome) -> None:
-    """Keep a whole run, or that the solver itself gave it up; no limit of a user's."""
+def _store_in_cache(key: str, run: RunFolder, work: Path, outcome: Outcome) -> None:
+    """Store an accepted run or a failure of `_CACHED_FAILURES`; no run stopped by a limit."""
     failure = outcome.failure
-    made_from = ((run.inputs.get(part) or {}).get(key) for part, key in _NAMED)
-    what = ", ".join(str(name) for name in made_from if name) or run.folder.name
+    labels = ((run.inputs.get(part) or {}).get(key) for part, key in _LABEL_KEYS)
+    label = ", ".join(str(name) for name in labels if name) or run.folder.name
     record: Table = {"version": outcome.version or "", "deck_bytes": run.deck.stat().st_size}
-    kept: tuple[str, ...] = (LOG_FILE,)
+    kept_names: tuple[str, ...] = (LOG_FILE,)
     if failure is None:
         record |= {"wall_s": outcome.wall_s, "increments": outcome.increments}
-        kept += (SOLVER_FILE, *(f"{JOB}{suffix}" for suffix in (".frd", ".dat", ".sta", ".cvg")))
-    elif failure.cause in (Cause.DIVERGED, Cause.NEGATIVE_JACOBIAN):
-        record |= {"cause": failure.cause.name, "found": failure.found}
-        what = f"{what}: {failure.cause.value}"
+        kept_names += (
+            SOLVER_FILE,
+            *(f"{JOB}{suffix}" for suffix in (".frd", ".dat", ".sta", ".cvg")),
+        )
+    elif failure.cause in _CACHED_FAILURES:
+        record |= {"cause": failure.cause.name, "found": failure.finding}
+        label = f"{label}: {failure.cause.value}"
     else:
         return
-    cache.keep(key, what, record, [file for file in work.iterdir() if file.name in kept])
+    cache.keep(key, label, record, [file for file in work.iterdir() if file.name in kept_names])
 
 
 def _watch(
@@ -385,7 +453,7 @@ def _watch(
     on_progress: OnProgress | None,
     halt: threading.Event | None,
 ) -> Failure | None:
-    """Wait for the end; stop the solver when the watchdog or `halt` says so."""
+    """Failure for which the solver was stopped, by the watchdog or `halt`; None at its own end."""
     pause_s = FIRST_LOOK_S
     failure = None
     while process.returncode is None and failure is None:
@@ -393,11 +461,11 @@ def _watch(
             process.wait(timeout=pause_s)
         except subprocess.TimeoutExpired:
             pause_s = min(1.2 * pause_s, SLOWEST_LOOK_S)
-        progress = watchdog.look(time.monotonic() - begin_s)
+        progress = watchdog.read_progress(time.monotonic() - begin_s)
         if process.returncode is None:
             if on_progress is not None:
                 on_progress(progress)
-            failure = watchdog.complaint(progress)
+            failure = watchdog.stop_reason(progress)
             if failure is None and halt is not None and halt.is_set():
                 done = f"after {progress.increment} of {progress.increments} increments"
                 failure = Failure(Cause.INTERRUPTED, done)
@@ -409,43 +477,43 @@ def _watch(
 
 
 def _collect(run: RunFolder, work: Path) -> None:
-    """Bring in what the solver wrote outside of `work`."""
+    """Move files that the solver wrote outside of `work` into it."""
     for name in FIXED_NAMES:
         with contextlib.suppress(FileNotFoundError):
             (run.folder / name).replace(work / name)
 
 
 def _publish(run: RunFolder, work: Path) -> None:
-    """Move the results of an accepted run beside the deck, the record last.
+    """Move the results of an accepted run next to the deck, the record last.
 
-    Empty files are left out: a ``.dat`` that nobody asked for, say.
+    Empty files are left out, such as a ``.dat`` without requested output.
     """
-    found = (path for path in work.iterdir() if path.is_file() and path.stat().st_size)
-    new = {path.name for path in found} - {f"{JOB}.inp", SOLVER_FILE}
+    result_files = (path for path in work.iterdir() if path.is_file() and path.stat().st_size)
+    new_names = {path.name for path in result_files} - {f"{JOB}.inp", SOLVER_FILE}
     try:
         (run.folder / SOLVER_FILE).unlink(missing_ok=True)
-        for name in sorted({f"{JOB}{suffix}" for suffix in OLD_RESULTS} - new):
+        for name in sorted({f"{JOB}{suffix}" for suffix in OLD_RESULTS} - new_names):
             (run.folder / name).unlink(missing_ok=True)
-        for name in (*sorted(new), SOLVER_FILE):
+        for name in (*sorted(new_names), SOLVER_FILE):
             (work / name).replace(run.folder / name)
     except OSError as error:
-        problem = f"the results in {work} cannot be moved here: {error.strerror}"
+        problem = f"the results in {work} cannot be moved to this folder: {error.strerror}"
         raise OutputError(problem, run.folder) from error
     _remove(work)
 
 
 def _keep_evidence(run: RunFolder, work: Path, failure: Failure) -> None:
-    """Keep the files of a run that failed, and why, under ``failed/``."""
+    """Move the files of a rejected run to ``failed/``, with the cause."""
     with contextlib.suppress(OutputError):  # on a full disk the cause is printed
         write_text(work / CAUSE_FILE, f"{failure}\n")
     try:
         work.replace(run.folder / FAILED_FOLDER)
     except OSError as error:
-        raise OutputError(f"cannot become {FAILED_FOLDER}/: {error.strerror}", work) from error
+        raise OutputError(f"cannot be moved to {FAILED_FOLDER}/: {error.strerror}", work) from error
 
 
 def write_record(folder: Path, solver: str, outcome: Outcome) -> None:
-    """Write ``solver.toml`` beside the deck and the results that `outcome` is of."""
+    """Write ``solver.toml`` of `outcome` into the `folder` with its deck and results."""
     table: Table = {
         "format": RECORD_FORMAT,
         "solver": solver,
@@ -461,7 +529,7 @@ def write_record(folder: Path, solver: str, outcome: Outcome) -> None:
 
 
 def _digests(folder: Path) -> dict[str, str]:
-    """Checksums of the deck, the results, and the forces where the deck asks for them."""
+    """Checksums of the deck, the results, and the forces where the deck requests them."""
     digests = {
         "deck_sha256": sha256_of(folder / f"{JOB}.inp"),
         "results_sha256": sha256_of(folder / f"{JOB}.frd"),
@@ -473,12 +541,12 @@ def _digests(folder: Path) -> dict[str, str]:
 
 
 def _remove(folder: Path) -> None:
-    """Remove a folder of ours; a file or a link in its place is not ours."""
+    """Remove a folder that fembridge made; a file or a link of that name is an OutputError."""
     try:
         shutil.rmtree(folder)
     except FileNotFoundError:
         return
     except OSError as error:
         raise OutputError(
-            f"cannot be removed to make room for a run: {error.strerror or error}", folder
+            f"cannot be removed before a run: {error.strerror or error}", folder
         ) from error

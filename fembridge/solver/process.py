@@ -1,11 +1,11 @@
-"""A solver as a process of its own, which ends when we do, however we end.
+"""A solver in a separate process that ends with its parent, even after ``kill -9``.
 
-This file is also a program, started by path before every solver: it asks to be killed when
-the process that started it dies, and becomes the solver. Linux then kills the solver when
-the thread that started it ends, be it by ``kill -9``. A solver that is a script hands this
-on when it ends in ``exec``. Elsewhere than on Linux there is no such wish, and the solver is
-merely started. (A fork that sets this up inside the parent would run Python between fork and
-exec, which may hang in a process with threads.) So little is imported here.
+This file is also a program, started by path before every solver: it requests a signal for
+the death of its parent (Linux ``PR_SET_PDEATHSIG``) and replaces itself by the solver. Linux
+then kills the solver when the thread that started it ends. A solver script keeps the request
+if it ends in ``exec``. On other systems the solver is started without this request. (Code
+between fork and exec in the parent could hang in a process with threads.) Imports are few,
+since this program runs before every solver.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from types import FrameType
 
 GRACE_S = 3.0
-"""From the request to end until it is no longer a request."""
+"""Seconds from SIGTERM to SIGKILL."""
 THREAD_VARIABLE = "OMP_NUM_THREADS"
 THREAD_OVERRIDES = (
     "CCX_NPROC_EQUATION_SOLVER",
@@ -30,22 +30,25 @@ THREAD_OVERRIDES = (
     "NUMBER_OF_CPUS",
 )
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
-CANNOT_RUN = 127  # as shells have it
+CANNOT_RUN = 127  # exit code of shells for a command that cannot be run
 
 
 def start(
-    program: "Path", words: "Sequence[str]", folder: "Path", log: "Path", threads: int | None = None
+    program: "Path",
+    arguments: "Sequence[str]",
+    folder: "Path",
+    log: "Path",
+    threads: int | None = None,
 ) -> "Popen[bytes]":
-    """Start `program` in `folder`, with all its output going to the file `log`.
+    """Process of `program`, started in `folder` with all its output in the file `log`.
 
-    It leads a session of its own, so that Ctrl-C in a terminal reaches us alone and
-    we decide; all that it starts is in its group and ends with it. The system's wish to kill
-    it when we are killed is bound to the *thread* that starts it, so this thread has to stay
-    until the solver has ended.
+    It leads its own session, so that Ctrl-C in a terminal reaches fembridge only; all its
+    child processes are in its group and end with it. Linux kills it when the *thread* that
+    starts it ends, so this thread must live until the solver has ended.
     """
     import subprocess
 
-    command = [str(program), *words]
+    command = [str(program), *arguments]
     if sys.executable:  # absent where Python is inside another program
         command = [sys.executable, "-I", "-S", __file__, str(os.getpid()), *command]
     environment = dict(os.environ)
@@ -65,10 +68,10 @@ def start(
 
 
 def stop(process: "Popen[bytes]", grace_s: float = GRACE_S) -> None:
-    """End `process` and all it started: asked first, killed after `grace_s`.
+    """End `process` and its children: SIGTERM first, SIGKILL after `grace_s` seconds.
 
-    A second Ctrl-C during the grace kills at once. The process is not reaped
-    before the last signal is sent, so its number cannot be another's by then.
+    A second Ctrl-C during this time kills at once. The process is not reaped before the
+    last signal is sent, so no other process can have its number.
     """
     import time
 
@@ -77,7 +80,7 @@ def stop(process: "Popen[bytes]", grace_s: float = GRACE_S) -> None:
     still_running = os.WEXITED | os.WNOHANG | os.WNOWAIT
     try:
         os.waitid(os.P_PID, process.pid, still_running)
-    except ChildProcessError:  # reaped by a wait that Ctrl-C broke off: its number is free
+    except ChildProcessError:  # reaped by a wait that Ctrl-C interrupted: its number is free
         process.wait()
         return
     try:
@@ -94,23 +97,23 @@ def stop(process: "Popen[bytes]", grace_s: float = GRACE_S) -> None:
 
 @contextlib.contextmanager
 def signals_as_exits() -> "Iterator[None]":
-    """Let SIGTERM and SIGHUP unwind the main thread, as Ctrl-C does.
+    """Let SIGTERM and SIGHUP raise SystemExit in the main thread, as Ctrl-C raises its error.
 
-    Left alone they end Python on the spot. Handlers that someone has set, and
-    those of ``nohup``, are respected; other threads have none to set.
+    By default they end Python at once. Other handlers, such as those of ``nohup``, are
+    kept; threads other than the main one set none.
     """
     import threading
 
-    ours = []
+    replaced = []
     if threading.current_thread() is threading.main_thread():
         numbers = (signal.SIGTERM, signal.SIGHUP)
-        ours = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]
-    for number in ours:
+        replaced = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]
+    for number in replaced:
         signal.signal(number, _exit_by_signal)
     try:
         yield
     finally:
-        for number in ours:
+        for number in replaced:
             signal.signal(number, signal.SIG_DFL)
 
 
@@ -123,22 +126,22 @@ def _signal_group(leader: int, number: int) -> None:
         os.killpg(leader, number)
 
 
-def become(parent: int, program: str, words: list[str]) -> int:
-    """Replace this process by `program`; come back only when that fails."""
+def become_solver(parent: int, program: str, arguments: list[str]) -> int:
+    """Replace this process by `program`; the exit code where that fails."""
     if sys.platform == "linux":
         import ctypes
 
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:  # it died before the wish was made
+    if os.getppid() != parent:  # the parent died before the request
         return CANNOT_RUN
     for number in (signal.SIGPIPE, signal.SIGXFSZ):  # which Python ignores
         signal.signal(number, signal.SIG_DFL)
     try:
-        os.execv(program, [program, *words])
+        os.execv(program, [program, *arguments])
     except OSError as error:
         print(f"{program} cannot be run: {error.strerror}", file=sys.stderr)
         return CANNOT_RUN
 
 
 if __name__ == "__main__":
-    sys.exit(become(int(sys.argv[1]), sys.argv[2], sys.argv[3:]))
+    sys.exit(become_solver(int(sys.argv[1]), sys.argv[2], sys.argv[3:]))

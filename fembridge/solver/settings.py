@@ -1,4 +1,4 @@
-"""How a solver is run and how far it is; imports nothing heavy."""
+"""Settings and progress of a solver run; imports nothing heavy."""
 
 import os
 from collections.abc import Callable
@@ -10,9 +10,9 @@ from fembridge.machine import cores
 from fembridge.solver.process import THREAD_VARIABLE
 
 STALL_LIMIT_S = 600.0
-"""No file has grown for so long; an iteration of the finest finger takes 1 s."""
+"""Longest time without a growing file; an iteration of the finest finger takes 1 s."""
 ITERATION_LIMIT = 200
-"""Of one attempt at an increment; 3 to 15 are usual, 50 were seen to end well.
+"""Iterations of one attempt at an increment; 3 to 15 are usual, 50 have converged.
 
 ``SURFACE TO SURFACE`` contact with ``DIRECT`` increments has no limit of its own.
 """
@@ -20,11 +20,11 @@ ITERATION_LIMIT = 200
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far the run of `folder` is.
+    """Progress of the run in `folder`.
 
     `increment` of `increments` have converged, up to `time_ms` of `end_ms`;
-    `iterations` were made in all, `iterations_here` in the attempt under way.
-    `ended` marks the last report of a run, good or not.
+    `iterations` counts all iterations, `iterations_here` those of the current attempt.
+    `ended` marks the last report of a run, accepted or not.
     """
 
     folder: Path
@@ -39,12 +39,12 @@ class Progress:
 
     @property
     def fraction(self) -> float:
-        """The part of the solver's time that is done, 0 to 1."""
+        """Share of the simulated time that is solved, 0 to 1."""
         return min(1.0, max(0.0, self.time_ms / self.end_ms)) if self.end_ms else 0.0
 
     @property
     def left_s(self) -> float | None:
-        """How long the rest takes at the pace so far; None before an increment."""
+        """Estimated seconds to the end at the pace so far; None before the first increment."""
         done = self.fraction
         return self.elapsed_s * (1.0 - done) / done if done > 0 else None
 
@@ -55,13 +55,24 @@ OnProgress = Callable[[Progress], None]
 
 @dataclass(frozen=True, slots=True)
 class SolverSettings:
-    """How the solver is run: threads of each run, runs at once, when to give up.
+    """How the solver is run: threads, simultaneous runs, limits, progress and cache.
 
-    `threads` None leaves the solver's threads to the environment. A run ends after
-    `time_limit_s` in all, `stall_limit_s` without a file that grows, or when one
-    attempt at an increment takes more than `iteration_limit` iterations; None is never.
-    `on_progress` is called at the latest every second, and when a run ends. Without
-    `cache` a deck is solved that was solved before on this machine.
+    Parameters
+    ----------
+    threads
+        Threads of each run. None (default): as in the environment.
+    jobs
+        Runs at the same time. Default: 1.
+    time_limit_s
+        Longest run in s. None (default): no limit.
+    stall_limit_s
+        Longest time in s without a growing file. Default: 600; None: no limit.
+    iteration_limit
+        Most iterations of one attempt at an increment. Default: 200; None: no limit.
+    on_progress
+        Called at least every second and at the end of a run. Default: None.
+    cache
+        Reuse results of the same deck from this machine's cache. Default: True.
     """
 
     threads: int | None = None
@@ -79,7 +90,7 @@ class SolverSettings:
                 raise UsageError(f"{name} is {limit}, expected more than 0")
 
     def shared_by(self, runs: int) -> "SolverSettings":
-        """These settings for `runs` at once, which share the cores where nothing else is set."""
+        """Settings for simultaneous `runs`, which share the cores unless threads are set."""
         if self.threads is not None or os.environ.get(THREAD_VARIABLE):
             return self
         return replace(self, threads=max(1, cores() // runs))

@@ -1,7 +1,7 @@
-"""Many stimuli, fingers, probes and contacts: each solved once, in any number of goes.
+"""Sweeps over stimuli, fingers, probes and contacts; each response is solved once.
 
-`sweep.sweep` is the way in; a study is a TOML file (`read_study`) or a `Study`. What a
-table says about parameters of the finger is in `fembridge.sensitivity`.
+`sweep.sweep` runs a study, which is a TOML file (`read_study`) or a `Study`. The effects of
+the finger's parameters are computed in `fembridge.sensitivity`.
 """
 
 from fembridge.sweeps.fingers import Variant

@@ -1,8 +1,8 @@
-"""Fingers of a study: a base, and what is different about each, by dotted names.
+"""Fingers of a study: a base, and the changes of each finger by dotted names.
 
 ``skin.epidermis_mm`` is the key ``epidermis_mm`` in the section ``[skin]`` of a
-finger file. A grid has every combination of its lists, rows are one finger each, and
-a design draws fingers from ranges::
+finger file. A grid has every combination of its lists, each row is one finger, and a
+design draws fingers from ranges::
 
     [[fingers]]
     base = "quick"
@@ -14,12 +14,12 @@ a design draws fingers from ranges::
     materials.dermis.young_mpa = "factor 2"
     contact.friction = "20 %"
 
-A range is from one value to another, or words about the base's: 20 % less to 20 %
-more, half of it to twice (even in its logarithm).
+A range is given by two values or relative to the base: 20 % less to 20 % more, or half
+of it to twice (evenly in the logarithm).
 
-Two names are no keys of a finger file: ``contact.friction`` (and what else is asked of
-a contact model), and ``afferents.SA.to_boundary_mm``, how far the afferent is from the
-boundary of its layer that it is nearest to (`Anchor`).
+Two kinds of names are not keys of a finger file: options of the contact model, as
+``contact.friction``, and ``afferents.SA.to_boundary_mm``, the distance of the afferent
+from the nearest boundary of its layer (`Anchor`).
 """
 
 import itertools
@@ -42,42 +42,42 @@ from fembridge.typing import FloatArray, Table
 
 Value: TypeAlias = float | int | str
 
-MOST_POINTS = 100_000
-"""Of a study; a larger one is a slip of the pen more often than a wish."""
+MAX_POINTS = 100_000
+"""Most points of a study; a larger study is usually a mistake."""
 
 ONE_AT_A_TIME = "one-at-a-time"
 LATIN_HYPERCUBE = "latin-hypercube"
 
-# Of a drawn value: enough for any size, and short to read.
-_FIGURES = 6
-# Chance correlations of more samples are small without it, and it takes its time.
-_MOST_OPTIMISED = 200
+# Significant digits of a drawn value.
+_SIGNIFICANT_DIGITS = 6
+# Optimisation is slow for more samples, whose chance correlations are small anyway.
+_MAX_OPTIMISED_SAMPLES = 200
 
 _NUMBER = r"(\d+(?:\.\d+)?)"
-_WORDS = re.compile(rf"(?:±|\+/?-)?\s*{_NUMBER}\s*%|factor\s+{_NUMBER}", re.ASCII)
+_RELATIVE_RANGE = re.compile(rf"(?:±|\+/?-)?\s*{_NUMBER}\s*%|factor\s+{_NUMBER}", re.ASCII)
 
-CONTACT = "contact."
-"""What the names of a contact model begin with."""
+CONTACT_PREFIX = "contact."
+"""Prefix of the names of contact options."""
 
 _SITES = ("fixed", "follow")
-"""Whether afferents stay at their depth or with the boundary of their layer."""
+"""Afferents stay at their depth, or at their distance to the boundary of their layer."""
 
-_SKIN = ("stratum_corneum", "epidermis", "dermis", "subcutaneous_tissue")
-"""Layers that have a boundary to keep to."""
+_SKIN_LAYERS = ("stratum_corneum", "epidermis", "dermis", "subcutaneous_tissue")
+"""Layers in which afferents can follow a boundary."""
 
 _TO_BOUNDARY = re.compile(r"afferents\.([^.]+)\.to_boundary_mm")
-# A distance is given to a nanometre: beyond that is rounding.
-_DIGITS = 6
-# The boundaries are sampled this finely along the skin.
+# Decimals of a distance in mm: 1 nm.
+_DECIMALS = 6
+# Sampling of the boundaries along the skin.
 _STEP_MM = 0.005
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Variant:
-    """One finger of a study: `label` is its base, `changes` is what is different.
+    """One finger of a study: `label` is its base, `changes` its values by dotted names.
 
-    The keys of `changes` are dotted names, as ``materials.dermis.young_mpa``.
-    `called` names it where its changes would be many words.
+    A dotted name is ``materials.dermis.young_mpa``. `called` replaces the changes in the text of
+    the variant, by default none.
     """
 
     label: str
@@ -87,21 +87,21 @@ class Variant:
 
     @property
     def contact(self) -> dict[str, Value]:
-        """What it asks of the contact model, without the first word."""
-        names = [name for name in self.changes if name.startswith(CONTACT)]
-        return {name.removeprefix(CONTACT): self.changes[name] for name in names}
+        """Contact options of this finger, without the prefix."""
+        names = [name for name in self.changes if name.startswith(CONTACT_PREFIX)]
+        return {name.removeprefix(CONTACT_PREFIX): self.changes[name] for name in names}
 
     def value(self, name: str) -> Value | None:
-        """What this finger has under the dotted `name`; None: no such thing."""
+        """Value of this finger under the dotted `name`; None if it has none."""
         match = _TO_BOUNDARY.fullmatch(name)
-        if name.startswith(CONTACT) or (match and name in self.changes):
+        if name.startswith(CONTACT_PREFIX) or (match and name in self.changes):
             return self.changes.get(name)
         if match:
             return anchor_of(self.finger, match[1]).distance_mm
-        found: object = self.finger
-        for word in name.split("."):
-            found = found.get(word) if isinstance(found, Mapping) else getattr(found, word, None)
-        return found if isinstance(found, float | int | str) else None
+        item: object = self.finger
+        for key in name.split("."):
+            item = item.get(key) if isinstance(item, Mapping) else getattr(item, key, None)
+        return item if isinstance(item, float | int | str) else None
 
     def __str__(self) -> str:
         changes = [
@@ -113,7 +113,7 @@ class Variant:
 
 @dataclass(frozen=True, slots=True)
 class FingersTable:
-    """One entry of ``fingers`` as it is written in a study."""
+    """One entry of ``fingers`` in a study file."""
 
     base: str = "quick"
     grid: dict[str, Any] | None = None
@@ -125,29 +125,31 @@ class FingersTable:
     sites: str | None = None
 
 
-def fingers_of(entries: Sequence[FingersTable], folder: Path, rest: int) -> tuple[Variant, ...]:
-    """All fingers of the `entries`; their number is checked before the first is made.
+def fingers_of(
+    entries: Sequence[FingersTable], folder: Path, points_per_finger: int
+) -> tuple[Variant, ...]:
+    """All fingers of `entries`; their number is checked before the first is made.
 
-    File names count from `folder`; `rest` is how many points each finger has.
+    File names are relative to `folder`; each finger has `points_per_finger` points.
     """
-    asked = []
+    plans = []
     for number, entry in enumerate(entries, start=1):
-        with naming(f"fingers {number}"):
-            start = _base_of(entry, folder)
-            asked.append((entry, start, *_rows_of(entry, start)))
-    check_points(rest * sum(len(rows) for _, _, rows, _ in asked))
+        with located_errors(f"fingers {number}"):
+            base = _read_base(entry, folder)
+            plans.append((entry, base, *_entry_rows(entry, base)))
+    check_points(points_per_finger * sum(len(rows) for _, _, rows, _ in plans))
     variants: list[Variant] = []
-    for number, each in enumerate(asked, start=1):
-        with naming(f"fingers {number}"):
-            variants += _variants(*each)
+    for number, plan in enumerate(plans, start=1):
+        with located_errors(f"fingers {number}"):
+            variants += _variants(*plan)
     return tuple(variants)
 
 
 def combinations(tables: Sequence[Mapping[str, object]]) -> list[dict[str, Value]]:
-    """Each combination of the lists in each of `tables`, the last the fastest."""
+    """Each combination of the lists in each of `tables`; the last list varies fastest."""
     grids = []
     for number, table in enumerate(tables, start=1):
-        with naming(str(number)):
+        with located_errors(str(number)):
             grids.append({name: _values(name, value) for name, value in table.items()})
     check_points(sum(math.prod(map(len, grid.values())) for grid in grids))
     return [
@@ -158,53 +160,53 @@ def combinations(tables: Sequence[Mapping[str, object]]) -> list[dict[str, Value
 
 
 def check_points(count: int) -> None:
-    """Refuse a study of more than `MOST_POINTS`."""
-    if count > MOST_POINTS:
+    """Raise UsageError for more than `MAX_POINTS` points."""
+    if count > MAX_POINTS:
         raise UsageError(
             f"{count} points (stimuli x fingers x probes x contacts x depths x "
-            f"methods), expected at most {MOST_POINTS}"
+            f"methods), expected at most {MAX_POINTS}"
         )
 
 
 def check_below(name: str) -> None:
-    """Refuse the name of a file that is not below the study's folder."""
+    """Raise UsageError for a file that is not below the study's folder."""
     path = PurePosixPath(name)
     if path.is_absolute() or ".." in path.parts or "\0" in name or not name:
         raise UsageError(
-            f"{name!r}, expected a name known here or a file below the folder of the study"
+            f"{name!r}, expected a built-in name or a file below the folder of the study"
         )
 
 
 @contextmanager
-def naming(where: str) -> Iterator[None]:
-    """Name the place in the study in front of what is wrong inside the block."""
+def located_errors(location: str) -> Iterator[None]:
+    """Prefix errors raised in the block with `location`, a place in the study."""
     try:
         yield
     except FembridgeError as error:
-        raise UsageError(f"{where}: {error}") from error
+        raise UsageError(f"{location}: {error}") from error
 
 
-def _rows_of(entry: FingersTable, start: Variant) -> tuple[Sequence[Table], Sequence[str]]:
-    """What is different about each finger of an entry, and of a design what each is called."""
-    given = [key for key in ("grid", "rows", "ranges") if getattr(entry, key) is not None]
-    if len(given) > 1:
-        raise UsageError(f"{' and '.join(given)}, expected one of them")
+def _entry_rows(entry: FingersTable, base: Variant) -> tuple[Sequence[Table], Sequence[str]]:
+    """Changes of each finger of an entry, and for a design their names."""
+    keys = [key for key in ("grid", "rows", "ranges") if getattr(entry, key) is not None]
+    if len(keys) > 1:
+        raise UsageError(f"{' and '.join(keys)}, expected one of them")
     if entry.sites not in (None, *_SITES):
         raise UsageError(f"sites: {entry.sites!r}, expected {' or '.join(_SITES)}")
     if entry.ranges is not None:
-        return _designed(entry, _flat(entry.ranges), start)
-    if any(each is not None for each in (entry.design, entry.samples, entry.seed)):
-        raise UsageError("design, samples and seed are for ranges")
+        return _design_rows(entry, _flattened(entry.ranges), base)
+    if any(value is not None for value in (entry.design, entry.samples, entry.seed)):
+        raise UsageError("design, samples and seed: only with ranges")
     tables = [entry.grid or {}] if entry.rows is None else entry.rows
     if not tables:
         raise UsageError("rows: none, expected one or more")
-    return combinations([_flat(table) for table in tables]), ()
+    return combinations([_flattened(table) for table in tables]), ()
 
 
-def _designed(
-    entry: FingersTable, asked: Table, start: Variant
+def _design_rows(
+    entry: FingersTable, spans: Table, finger: Variant
 ) -> tuple[Sequence[Table], Sequence[str]]:
-    """Rows of a design, and what each is called."""
+    """Changes of each finger of a design, and their names."""
     one_by_one = entry.design == ONE_AT_A_TIME and entry.samples is entry.seed is None
     if not one_by_one and entry.design != LATIN_HYPERCUBE:
         raise UsageError(
@@ -212,33 +214,35 @@ def _designed(
             f"or {LATIN_HYPERCUBE}"
         )
     samples, seed = entry.samples or 0, entry.seed or 0
-    for key, count, least in (("samples", samples, 2), ("seed", seed, 0)):
-        if not one_by_one and not least <= count <= MOST_POINTS:
-            raise UsageError(f"{key}: {count}, expected {least} to {MOST_POINTS}")
-    if not asked:
+    for key, count, lowest in (("samples", samples, 2), ("seed", seed, 0)):
+        if not one_by_one and not lowest <= count <= MAX_POINTS:
+            raise UsageError(f"{key}: {count}, expected {lowest} to {MAX_POINTS}")
+    if not spans:
         raise UsageError("ranges: none, expected one or more")
     base, ranges = {}, {}
-    for name, span in asked.items():
-        with naming(f"ranges: {name}"):
-            found = start.value(name)
-            if name.startswith(CONTACT):
-                found = getattr(LADDER[0], name.removeprefix(CONTACT), None)
-            number = float(found) if isinstance(found, int | float) else None
+    for name, span in spans.items():
+        with located_errors(f"ranges: {name}"):
+            value = finger.value(name)
+            if name.startswith(CONTACT_PREFIX):
+                value = getattr(LADDER[0], name.removeprefix(CONTACT_PREFIX), None)
+            number = float(value) if isinstance(value, int | float) else None
             ranges[name] = range_of(span, number)
             if number is not None:
                 base[name] = number
             elif one_by_one:
-                raise UsageError("the base has no such number")
+                raise UsageError("the base has no number of this name")
     if not one_by_one:
         rows = latin_hypercube(ranges, samples, seed)
         return rows, [f"sample {k} of {samples}" for k in range(1, samples + 1)]
     rows = one_at_a_time(base, ranges)
-    moved = [[f"{n}={v:g}" for n, v in row.items() if v != base[n]] for row in rows]
-    return rows, [each[0] if each else "base" for each in moved]
+    changes = [
+        [f"{name}={value:g}" for name, value in row.items() if value != base[name]] for row in rows
+    ]
+    return rows, [change[0] if change else "base" for change in changes]
 
 
-def _base_of(entry: FingersTable, folder: Path) -> Variant:
-    """The finger that an entry starts from, a preset or a file."""
+def _read_base(entry: FingersTable, folder: Path) -> Variant:
+    """Base finger of an entry, a preset or a file."""
     if entry.base in PRESETS:
         return Variant(entry.base, PRESETS[entry.base])
     check_below(entry.base)
@@ -248,92 +252,96 @@ def _base_of(entry: FingersTable, folder: Path) -> Variant:
 
 def _variants(
     entry: FingersTable,
-    start: Variant,
+    base: Variant,
     rows: Sequence[Mapping[str, Value]],
-    called: Sequence[str],
+    labels: Sequence[str],
 ) -> list[Variant]:
-    """One finger for each of `rows`, changes to `start`, the base of `entry`.
+    """One finger for each of `rows`, which are changes to `base`.
 
-    Where afferents follow, each keeps its distance to the boundary of its layer that
-    it is nearest to; or else it stays at its depth, unless that is changed.
+    Afferents that follow keep their distance to the nearest boundary of their layer; others
+    stay at their depth, unless it is changed.
     """
-    finger = start.finger
+    finger = base.finger
     follows = entry.sites == "follow" or (entry.ranges is not None and entry.sites is None)
-    asked = {match[1] for row in rows for match in map(_TO_BOUNDARY.fullmatch, row) if match}
+    anchored_names = {
+        match[1] for row in rows for match in map(_TO_BOUNDARY.fullmatch, row) if match
+    }
     if follows:
-        asked |= {name for name, site in finger.afferents.items() if site.layer in _SKIN}
-    anchors = {name: anchor_of(finger, name) for name in sorted(asked)}
+        anchored_names |= {
+            label for label, site in finger.afferents.items() if site.layer in _SKIN_LAYERS
+        }
+    anchors = {label: anchor_of(finger, label) for label in sorted(anchored_names)}
     variants = []
-    for row, name in zip(rows, called or [""] * len(rows), strict=True):
+    for row, label in zip(rows, labels or [""] * len(rows), strict=True):
         try:
-            made = finger_with(finger, _sections(row))
-            made = anchored(made, _kept(anchors, row, follows))
+            varied = finger_with(finger, _nested(row))
+            varied = anchored(varied, _anchors_of_row(anchors, row, follows))
         except FingerError as error:
-            where = f"choose narrower ranges: {name}" if name else ""
-            where = where or ", ".join(f"{key} = {value!r}" for key, value in row.items())
-            raise FingerError(f"{where}: {error}" if where else str(error)) from error
-        variants.append(Variant(start.label, made, row, name))
+            location = f"choose narrower ranges: {label}" if label else ""
+            location = location or ", ".join(f"{key} = {value!r}" for key, value in row.items())
+            raise FingerError(f"{location}: {error}" if location else str(error)) from error
+        variants.append(Variant(base.label, varied, row, label))
     return variants
 
 
-def _kept(
+def _anchors_of_row(
     anchors: Mapping[str, "Anchor"], row: Mapping[str, Value], follows: bool
 ) -> dict[str, "Anchor"]:
-    """Where the afferents of one finger keep to, with the distances that `row` asks for."""
-    kept = {}
+    """Anchors of the afferents of one finger, with the distances set in `row`."""
+    selected = {}
     for name, anchor in anchors.items():
         key = f"afferents.{name}.to_boundary_mm"
-        placed = {f"afferents.{name}.{each}" for each in ("depth_mm", "layer")} & {*row}
+        positioned = {f"afferents.{name}.{key_name}" for key_name in ("depth_mm", "layer")} & {*row}
         if key not in row:
-            if follows and not placed:
-                kept[name] = anchor
+            if follows and not positioned:
+                selected[name] = anchor
             continue
         distance_mm = row[key]
-        if placed:
-            raise FingerError(f"{key} beside {placed.pop()}, expected one")
+        if positioned:
+            raise FingerError(f"{key} together with {positioned.pop()}, expected one")
         if not isinstance(distance_mm, float | int) or distance_mm <= 0:
             raise FingerError(f"{key}: {distance_mm!r}, expected a number > 0")
-        kept[name] = replace(anchor, distance_mm=float(distance_mm))
-    return kept
+        selected[name] = replace(anchor, distance_mm=float(distance_mm))
+    return selected
 
 
-def _sections(row: Mapping[str, Value]) -> Table:
-    """What a finger file says for the sizes in `row`, which have dotted names."""
+def _nested(row: Mapping[str, Value]) -> Table:
+    """Sections of a finger file with the values of `row`, which has dotted names."""
     table: Table = {}
     for name, value in row.items():
-        if not (name.startswith(CONTACT) or _TO_BOUNDARY.fullmatch(name)):
+        if not (name.startswith(CONTACT_PREFIX) or _TO_BOUNDARY.fullmatch(name)):
             *sections, key = name.split(".")
-            below = table
+            section_table = table
             for section in sections:
-                below = below.setdefault(section, {})
-            below[key] = value
+                section_table = section_table.setdefault(section, {})
+            section_table[key] = value
     return table
 
 
-def _flat(table: Mapping[str, object], above: str = "") -> Table:
-    """Dotted names for nested sections; quoted dotted names stay."""
+def _flattened(table: Mapping[str, object], prefix: str = "") -> Table:
+    """Values by dotted names from nested sections; dotted keys are kept."""
     flat: Table = {}
     for key, value in table.items():
-        name = f"{above}{key}"
+        name = f"{prefix}{key}"
         if value == {}:
             raise UsageError(f"{name}: an empty section, expected a key")
-        inner = _flat(value, f"{name}.") if isinstance(value, Mapping) else {name: value}
-        for one, content in inner.items():
-            if "." not in one:
-                raise UsageError(f"{one!r}, expected section.key, as skin.epidermis_mm")
-            for other in flat:  # the same, or a section that holds the other
-                if f"{one}.".startswith(f"{other}.") or f"{other}.".startswith(f"{one}."):
-                    raise UsageError(f"{one}: a duplicate of {other}")
-            flat[one] = content
+        inner = _flattened(value, f"{name}.") if isinstance(value, Mapping) else {name: value}
+        for dotted, leaf in inner.items():
+            if "." not in dotted:
+                raise UsageError(f"{dotted!r}, expected section.key, as skin.epidermis_mm")
+            for other in flat:  # equal, or one is a section of the other
+                if f"{dotted}.".startswith(f"{other}.") or f"{other}.".startswith(f"{dotted}."):
+                    raise UsageError(f"{dotted}: a duplicate of {other}")
+            flat[dotted] = leaf
     return flat
 
 
 def _values(name: str, value: object) -> list[Value]:
-    """Different finite numbers or words, of a list or a single one."""
+    """Distinct finite numbers or strings of a list or a single value."""
     values: list[Any] = value if isinstance(value, list) else [value]
-    for each in values:
-        if type(each) not in (int, float, str) or each in (math.inf, -math.inf) or each != each:
-            raise UsageError(f"{name}: {each!r}, expected a finite number or a word")
+    for item in values:
+        if type(item) not in (int, float, str) or item in (math.inf, -math.inf) or item != item:
+            raise UsageError(f"{name}: {item!r}, expected a finite number or a string")
     if not values or len(set(values)) < len(values):
         raise UsageError(f"{name}: expected one or more values, none of them a duplicate")
     return values
@@ -341,40 +349,40 @@ def _values(name: str, value: object) -> list[Value]:
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """From `low` to `high`, evenly, or evenly in the logarithm."""
+    """Values from `low` to `high`, even in the value or in its logarithm."""
 
     low: float
     high: float
     logarithmic: bool = False
 
     def at(self, share: float) -> float:
-        """Value at `share` of the way, 0 to 1."""
+        """Value at `share` of the range, 0 to 1."""
         if self.logarithmic:
             return _rounded(self.low * (self.high / self.low) ** share)
         return _rounded(self.low + share * (self.high - self.low))
 
 
-def range_of(asked: object, base: float | None) -> Range:
-    """Range that the study asks for, of a parameter with the `base` value."""
-    if isinstance(asked, list) and all(type(each) in (int, float) for each in asked):
-        if len(asked) == 2 and -math.inf < asked[0] < asked[1] < math.inf:
-            return Range(float(asked[0]), float(asked[1]))
-    elif base is not None and base > 0 and (match := _WORDS.fullmatch(str(asked))):
+def range_of(span: object, base: float | None) -> Range:
+    """Range of a study's `span` for a parameter with the value `base`."""
+    if isinstance(span, list) and all(type(limit) in (int, float) for limit in span):
+        if len(span) == 2 and -math.inf < span[0] < span[1] < math.inf:
+            return Range(float(span[0]), float(span[1]))
+    elif base is not None and base > 0 and (match := _RELATIVE_RANGE.fullmatch(str(span))):
         share, factor = float(match[1] or 0) / 100, float(match[2] or 0)
         if 0 < share < 1:
             return Range(_rounded(base * (1 - share)), _rounded(base * (1 + share)))
         if factor > 1:
             return Range(_rounded(base / factor), _rounded(base * factor), logarithmic=True)
     raise UsageError(
-        f"{asked!r} of the base's {base}, expected [from, to], as [0.9, 1.3]; of a base above 0 "
+        f"{span!r} of the base's {base}, expected [from, to], as [0.9, 1.3]; of a base above 0 "
         "also '20 %', below 100 %, or 'factor 2', above 1"
     )
 
 
 def one_at_a_time(base: Mapping[str, float], ranges: Mapping[str, Range]) -> list[dict[str, float]]:
-    """The base first, then each parameter low and high, the others as in the base.
+    """The base, then each parameter at its low and high value, the others as in the base.
 
-    A value that is the base's own is left out: it is no other finger.
+    A value equal to the base's is left out.
     """
     rows = [dict(base)]
     for name, span in ranges.items():
@@ -383,17 +391,16 @@ def one_at_a_time(base: Mapping[str, float], ranges: Mapping[str, Range]) -> lis
 
 
 def latin_hypercube(ranges: Mapping[str, Range], samples: int, seed: int) -> list[dict[str, float]]:
-    """Fingers of which each of `samples` slices of each range has one.
+    """Fingers of a Latin hypercube: one in each of `samples` slices of each range.
 
-    Of the ways to draw them, one in which parameters hardly go together is searched
-    for (``random-cd`` of SciPy). The same seed draws the same fingers, as long as
-    SciPy is the same.
+    Up to 200 samples, correlation between parameters is minimised (``random-cd`` of SciPy). The
+    same seed draws the same fingers with the same version of SciPy.
     """
     from scipy.stats import qmc
 
     sampler = qmc.LatinHypercube(
         len(ranges),
-        optimization="random-cd" if samples <= _MOST_OPTIMISED else None,
+        optimization="random-cd" if samples <= _MAX_OPTIMISED_SAMPLES else None,
         seed=np.random.default_rng(seed),
     )
     return [
@@ -403,19 +410,18 @@ def latin_hypercube(ranges: Mapping[str, Range], samples: int, seed: int) -> lis
 
 
 def _rounded(value: float) -> float:
-    return float(f"{value:.{_FIGURES}g}")
+    return float(f"{value:.{_SIGNIFICANT_DIGITS}g}")
 
 
 @dataclass(frozen=True, slots=True)
 class Anchor:
-    """The boundary that an afferent keeps to: its layer's upper or lower one.
+    """Distance of an afferent from the upper or lower boundary of its layer.
 
     Merkel cells sit at the bottom of the epidermis and Meissner corpuscles hang on it,
-    however thick the skin above is. So a depth below the surface says less about an
-    afferent than its distance to the boundary that it is seen at: for SA and RA the one
-    between epidermis and dermis, for PC the one above the subcutaneous tissue. The
-    boundary is that at the afferent's own ``x``, ridges and papillae included;
-    `distance_mm` is the way from there into the layer.
+    however thick the skin above is. So the position of an afferent is better described by its
+    distance to a boundary than by its depth: for SA and RA the boundary between epidermis
+    and dermis, for PC the one above the subcutaneous tissue. The boundary is taken at the
+    afferent's ``x``, with ridges and papillae; `distance_mm` is measured into the layer.
     """
 
     upper: bool
@@ -423,7 +429,7 @@ class Anchor:
 
 
 def anchor_of(finger: Finger, name: str) -> Anchor:
-    """Boundary that afferent `name` of `finger` is nearest to."""
+    """Nearest boundary of afferent `name` of `finger`, and its distance."""
     if name not in finger.afferents:
         raise FingerError(f"afferent {name!r}, expected one of {', '.join(finger.afferents)}")
     site = finger.afferents[name]
@@ -431,18 +437,18 @@ def anchor_of(finger: Finger, name: str) -> Anchor:
     _check_inside(name, site, top_mm, bottom_mm)
     below_top_mm, above_bottom_mm = site.depth_mm - top_mm, bottom_mm - site.depth_mm
     upper = below_top_mm <= above_bottom_mm
-    return Anchor(upper, round(min(below_top_mm, above_bottom_mm), _DIGITS))
+    return Anchor(upper, round(min(below_top_mm, above_bottom_mm), _DECIMALS))
 
 
 def anchored(finger: Finger, anchors: Mapping[str, Anchor]) -> Finger:
-    """`finger` with afferents where their anchors are."""
+    """`finger` with its afferents moved to their anchors."""
     if not anchors:
         return finger
     section, sites = section_of(finger), dict(finger.afferents)
     for name, anchor in anchors.items():
         top_mm, bottom_mm = _span_mm(section, sites[name])
         depth_mm = top_mm + anchor.distance_mm if anchor.upper else bottom_mm - anchor.distance_mm
-        sites[name] = replace(sites[name], depth_mm=round(max(depth_mm, 0.0), _DIGITS))
+        sites[name] = replace(sites[name], depth_mm=round(max(depth_mm, 0.0), _DECIMALS))
         _check_inside(name, sites[name], top_mm, bottom_mm)
     return replace(finger, afferents=sites)
 
@@ -456,11 +462,11 @@ def _check_inside(name: str, site: AfferentSite, top_mm: float, bottom_mm: float
 
 
 def _span_mm(section: Section, site: AfferentSite) -> tuple[float, float]:
-    """Depths between which the site's layer lies at the site's ``x``."""
-    if site.layer not in _SKIN:
-        raise FingerError(f"a place in the {site.layer} has no boundary of the skin to keep to")
+    """Upper and lower depth of the site's layer at the site's ``x``."""
+    if site.layer not in _SKIN_LAYERS:
+        raise FingerError(f"an afferent in the {site.layer} has no boundary of the skin to follow")
     boundaries = (section.surface, section.corneum, section.epidermis, section.dermis)
-    upper = _SKIN.index(site.layer)
+    upper = _SKIN_LAYERS.index(site.layer)
     top_mm = _depth_mm(section, boundaries[upper], site.x_mm)
     if upper + 1 < len(boundaries):
         return top_mm, _depth_mm(section, boundaries[upper + 1], site.x_mm)

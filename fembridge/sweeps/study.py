@@ -1,7 +1,6 @@
-"""A study: which stimuli on which fingers, with which probes, contacts and methods.
+"""A study: all combinations of stimuli, fingers, probes, contacts and methods.
 
-Every combination is a point. It is a TOML file, read strictly, so that a slip of the
-pen is no week of computing::
+Each combination is a point. A study is a TOML file; unknown keys are errors::
 
     stimuli = ["noise_25_250", "sine_20_250"]
     methods = ["map"]                 # or "transient", or both
@@ -16,8 +15,8 @@ pen is no week of computing::
     [[probes]]
     diameter_mm = [0.5, 1.0]
 
-All keys are in ``docs/sweeps.md``. File names are counted from the study's folder and
-stay below it. What contacts leave open follows the ladder of `fembridge.response.indentation`.
+All keys are in ``docs/sweeps.md``. File names are relative to the study's folder and below
+it. Contact options that are not set follow the ladder of `fembridge.response.indentation`.
 """
 
 import math
@@ -43,38 +42,38 @@ from fembridge.sweeps.fingers import (
     check_points,
     combinations,
     fingers_of,
-    naming,
+    located_errors,
 )
 from neural import ParameterSet, parameter_set
 from neural.parameter_sets import SET_NAMES
 
-Asked = Mapping[str, Value]
-"""What is asked of a contact model, by the names of `decks.analysis.Contact`."""
+ContactOptions = Mapping[str, Value]
+"""Options of a contact model, by the names of `decks.analysis.Contact`."""
 
 _MAX_BYTES, _MAX_KEYS = 10_000_000, 200_000
-_MAX_NAME = 60
-# Keys of which a single value stands for a list of one.
-_LISTS = ("stimuli", "methods", "preindent_um")
+_MAX_NAME_LENGTH = 60
+# Keys whose single value is read as a list of one.
+_LIST_KEYS = ("stimuli", "methods", "preindent_um")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Study:
     """Every combination of stimuli, fingers, probes, contacts, depths and methods.
 
-    `preindents_um` are depths of the probe before time 0; `seed` draws other noise
-    than the catalogue's. `stored` takes the stored responses of the reference
-    fingers. `text` is that of the study's file, for the copy beside the results.
+    `preindents_um` are depths of the probe before time 0, by default that of `parameters`;
+    `seed` draws the noise, by default the catalogue's. `stored` selects the stored responses of
+    the presets. `text` is the study file, copied into the sweep's folder.
 
     Raises
     ------
     UsageError
-        Nothing to do, too many points, or values that do not go together.
+        No points, too many points, or values that exclude each other.
     """
 
     stimuli: tuple[Entry, ...]
     variants: tuple[Variant, ...]
     probes: tuple[Probe, ...] = (Probe(),)
-    contacts: tuple[Asked, ...] = ({},)
+    contacts: tuple[ContactOptions, ...] = ({},)
     methods: tuple[str, ...] = ("map",)
     parameters: ParameterSet = field(default_factory=lambda: parameter_set("fitted"))
     preindents_um: tuple[float, ...] = ()
@@ -96,42 +95,42 @@ class Study:
             [(value, count)] = Counter(factors[name]).most_common(1)
             if count > 1:
                 raise UsageError(f"{name}: {value}: a duplicate")
-        of_all = {name for each in self.contacts for name in each}
-        of_fingers = {name for each in self.variants for name in each.contact}
-        for asked in (*self.contacts, *(each.contact for each in self.variants if each.contact)):
-            ladder_of(asked)
+        shared = {name for item in self.contacts for name in item}
+        varied = {name for item in self.variants for name in item.contact}
+        for options in (*self.contacts, *(item.contact for item in self.variants if item.contact)):
+            contact_ladder(options)
         transient = "transient" in self.methods
         energy = reading_energy(self.parameters.parameters)
-        for wrong, problem in (
+        for is_wrong, problem in (
             (set(self.methods) - {*METHODS}, f"methods: {self.methods}, expected of {METHODS}"),
             (self.element not in ELEMENTS, f"element: {self.element!r}, expected of {ELEMENTS}"),
             (
-                not all(0 <= each <= MAX_AMPLITUDE_UM for each in self.preindents_um),
+                not all(0 <= item <= MAX_AMPLITUDE_UM for item in self.preindents_um),
                 f"preindent_um: {self.preindents_um}, expected 0 to {MAX_AMPLITUDE_UM:g}",
             ),
             ((self.seed or 0) < 0, f"seed: {self.seed}, expected 0 or more"),
-            (of_all & of_fingers, f"contacts: {of_all & of_fingers} is asked of the fingers too"),
-            (self.stored and transient, "stored: a stored response answers no transient"),
+            (shared & varied, f"contacts: {shared & varied} is also set in fingers"),
+            (self.stored and transient, "stored: not with the method transient"),
             (
-                self.stored and of_all | of_fingers,
-                "contacts: a stored response has its own",
+                self.stored and shared | varied,
+                "contacts: not with stored, which has its own contact model",
             ),
             (
                 energy and transient,
-                f"methods: the drive of {energy} reads strain energy, a transient gives von "
-                "Mises stress alone",
+                f"methods: the drive of {energy} reads strain energy, a transient gives only "
+                "von Mises stress",
             ),
         ):
-            if wrong:
+            if is_wrong:
                 raise UsageError(problem)
 
     @property
     def points(self) -> int:
-        """How many combinations there are."""
+        """Number of combinations."""
         return math.prod(len(values) for values in self._factors().values())
 
     def _factors(self) -> dict[str, tuple[Any, ...]]:
-        """What is combined, by the names of the study's file."""
+        """Values to combine, by the keys of the study file."""
         return {
             "stimuli": self.stimuli,
             "fingers": self.variants,
@@ -144,7 +143,7 @@ class Study:
 
 @dataclass(frozen=True, slots=True)
 class _StudyTable:
-    """The keys of a study's file."""
+    """The keys of a study file."""
 
     stimuli: list[str]
     name: str | None = None
@@ -160,72 +159,77 @@ class _StudyTable:
 
 
 def read_study(path: Path) -> Study:
-    """Study that a TOML file describes.
+    """Study of a TOML file.
 
     Raises
     ------
     UsageError
-        No such file, not TOML, an unknown key (near ones are named), a value that
-        cannot be, or more points than a study may have: one line that names the
-        file and the key.
+        A missing file, no TOML, an unknown key (with suggestions), an invalid value,
+        or too many points: one line with the file and the key.
     """
     table = read_toml(path, UsageError, _MAX_BYTES, _MAX_KEYS)
-    with naming(str(path)):
+    with located_errors(str(path)):
         return study_from(table, path.parent, path.stem, path.read_text("utf-8-sig"))
 
 
 def study_from(
     table: Mapping[str, object], folder: Path, name: str = "study", text: str = ""
 ) -> Study:
-    """Study of a table as TOML gives it, as `read_study`; files are counted from `folder`."""
+    """Study of a parsed TOML table, as `read_study`; file names are relative to `folder`."""
     listed = dict(table)
-    for key in _LISTS:
+    for key in _LIST_KEYS:
         if key in table and not isinstance(table[key], list):
             listed[key] = [table[key]]
     fingers = table.get("fingers")
     if isinstance(fingers, list):
-        listed["fingers"] = [{"base": e} if isinstance(e, str) else e for e in fingers]
-    asked = structure(listed, _StudyTable, UsageError)
-    with naming("stimuli"):
-        stimuli = resolve(asked.stimuli)
-    with naming("probes"):
-        probes = tuple(map(_probe, combinations(asked.probes)))
-    with naming("contacts"):
-        contacts = tuple(combinations(asked.contacts))
-    with naming("parameters"):
-        word = asked.parameters
-        if word not in SET_NAMES:
-            check_below(word)
-            if PurePosixPath(word).suffix or (folder / word).exists():
-                word = str(folder / word)
-        parameters = parameter_set(word)
-    name = name if asked.name is None else asked.name
-    if not 0 < len(name) <= _MAX_NAME or not name.isprintable():  # in reports and pictures
-        raise UsageError(f"name: {name!r}, expected 1 to {_MAX_NAME} characters")
-    others = (stimuli, asked.methods, probes, contacts, asked.preindent_um)
+        listed["fingers"] = [
+            {"base": entry} if isinstance(entry, str) else entry for entry in fingers
+        ]
+    options = structure(listed, _StudyTable, UsageError)
+    with located_errors("stimuli"):
+        stimuli = resolve(options.stimuli)
+    with located_errors("probes"):
+        probes = tuple(map(_probe, combinations(options.probes)))
+    with located_errors("contacts"):
+        contacts = tuple(combinations(options.contacts))
+    with located_errors("parameters"):
+        parameters_name = options.parameters
+        if parameters_name not in SET_NAMES:
+            check_below(parameters_name)
+            if PurePosixPath(parameters_name).suffix or (folder / parameters_name).exists():
+                parameters_name = str(folder / parameters_name)
+        parameters = parameter_set(parameters_name)
+    name = name if options.name is None else options.name
+    if (
+        not 0 < len(name) <= _MAX_NAME_LENGTH or not name.isprintable()
+    ):  # shown in reports and pictures
+        raise UsageError(f"name: {name!r}, expected 1 to {_MAX_NAME_LENGTH} characters")
+    factors = (stimuli, options.methods, probes, contacts, options.preindent_um)
     return Study(
         stimuli=stimuli,
-        variants=fingers_of(asked.fingers, folder, math.prod(max(1, len(e)) for e in others)),
+        variants=fingers_of(
+            options.fingers, folder, math.prod(max(1, len(entry)) for entry in factors)
+        ),
         probes=probes,
         contacts=contacts,
-        methods=tuple(asked.methods),
+        methods=tuple(options.methods),
         parameters=parameters,
-        preindents_um=tuple(asked.preindent_um),
-        seed=asked.seed,
-        element=asked.element,
-        stored=asked.stored,
+        preindents_um=tuple(options.preindent_um),
+        seed=options.seed,
+        element=options.element,
+        stored=options.stored,
         name=name,
         text=text,
     )
 
 
-def ladder_of(asked: Asked) -> tuple[Contact, ...]:
-    """Contact models to try: the ladder's, with what is asked put in."""
-    with naming("contacts"):
-        return tuple(dict.fromkeys(changed(each, asked, UsageError) for each in LADDER))
+def contact_ladder(options: ContactOptions) -> tuple[Contact, ...]:
+    """Contact models of the ladder, each with `options` applied."""
+    with located_errors("contacts"):
+        return tuple(dict.fromkeys(changed(contact, options, UsageError) for contact in LADDER))
 
 
 def _probe(row: Mapping[str, Value]) -> Probe:
     if "fillet_mm" in row and row.get("shape") != "flat":
-        raise UsageError("fillet_mm is for shape 'flat'")
+        raise UsageError("fillet_mm: only with shape 'flat'")
     return structure(row, Probe, UsageError)

@@ -1,24 +1,23 @@
-"""A sweep from its study to its table: what is finished stays, the rest is done.
+"""Run a study and write its table; finished work is kept, the rest is computed.
 
-Below the folder of a sweep::
+The folder of a sweep::
 
-    study.toml    the study, and what it was done with
+    study.toml    the study, with versions and checksum
     runs/KEY/     an item: answers.csv, spikes.csv, item.toml
-    solves/KEY/   a response or a transient: what the solver read and wrote
-    results.csv   all points, written when nothing is left to do
+    solves/KEY/   a response or a transient: deck and output of the solver
+    results.csv   all points, written at the end
 
-There are responses to be solved once, and items that read them. Both are values that a
-worker on any machine can do. Their key is the digest of all that goes into them, so the
-same work has the same folder, and `work` may be begun anywhere any number of times: one
-process at a time has the folder, the others find it finished. The folder of a finished
-item::
+Each response is solved once; items read responses. Both are tasks that a worker on any
+machine can run. The key of a task is the digest of all its inputs, so the same task has the
+same folder, and `run_task` may be called anywhere and repeatedly: one process at a time holds
+the folder, the others find the task finished. The folder of a finished item::
 
     answers.csv  rate, spikes and peak stress by stimulus and afferent
-    spikes.csv   every spike, as in the other verbs
-    item.toml    what it was made of and how, with the checksums of the two
+    spikes.csv   all spikes, as in the other commands
+    item.toml    inputs and method, with the checksums of the two
 
-The record is written last and carries a checksum of its own: where all agree, the
-item is finished and whole.
+The record is written last and has its own checksum: an item is finished if all checksums
+agree.
 """
 
 import hashlib
@@ -48,6 +47,7 @@ from decks.probe import Probe
 from decks.stimuli import Entry
 from decks.waveform import make_stimulus
 from fembridge.build import stimulus_inputs
+from fembridge.cache import check_cache
 from fembridge.errors import (
     FembridgeError,
     FingerError,
@@ -77,8 +77,8 @@ from fembridge.store import (
     write_sealed,
     write_text,
 )
-from fembridge.sweeps.fingers import Variant, naming
-from fembridge.sweeps.study import Asked, Study, ladder_of, read_study
+from fembridge.sweeps.fingers import Variant, located_errors
+from fembridge.sweeps.study import ContactOptions, Study, contact_ladder, read_study
 from fembridge.tables import write_spikes, write_table
 from fembridge.terminal import Bars, how_far
 from fembridge.typing import Table
@@ -91,14 +91,14 @@ if TYPE_CHECKING:
     import pandas as pd
 
 EXECUTORS = ("local", "dask")
-_AT_ONCE = 1000  # tasks given to a cluster: more than it has workers
+_CLUSTER_TASKS = 1000  # tasks submitted to a cluster at a time: more than its workers
 RESULTS_FILE = "results.csv"
 
 FORMAT = 1
-"""Of what a key is made of; another number, and all is done again."""
+"""Version of the inputs of a key; another number invalidates all finished tasks."""
 
 STORED = "stored"
-"""In the place of a solver: the responses that are shipped."""
+"""Solver name of the shipped responses."""
 
 STUDY_FILE = "study.toml"
 ANSWERS_FILE = "answers.csv"
@@ -106,77 +106,77 @@ RECORD_FILE = "item.toml"
 MESH_FILE = "mesh.npz"
 
 ANSWER_COLUMNS = ("stimulus", "afferent", "rate_ips", "spikes", "peak_stress_pa")
-"""`spikes` are those inside the counting window, of all cells of a population;
-`peak_stress_pa` is the largest stress that the afferent's drive reads."""
+"""`spikes` counts the spikes of all cells inside the counting window;
+`peak_stress_pa` is the largest stress in the afferent's drive."""
 
 BUG_FILE = "failed.txt"
 
 _SOLVES, _RUNS, _LOCK = "solves", "runs", ".lock"
 _FILES = (ANSWERS_FILE, SPIKES_FILE)
-# What makes a transient another one than those before: see decision 0014.
-_HOW_SOLVED = {"drive": "spring", "section": "half"}
+# Part of a transient's key, which older methods lack: see decision 0014.
+_TRANSIENT_METHOD = {"drive": "spring", "section": "half"}
 
-# gmsh has one state a process.
-_meshing = threading.Lock()
+# gmsh has one global state per process.
+_mesher_lock = threading.Lock()
 
 
 class _Keyed:
-    """What is known, and has its folder, by the digest of all that goes into it."""
+    """A task with a key and a folder, both from the digest of its inputs."""
 
-    below: ClassVar[str]
+    parent: ClassVar[str]
 
     def inputs(self) -> Table:
-        """What it is made of."""
+        """All inputs of the task."""
         raise NotImplementedError
 
     @cached_property
     def key(self) -> str:
-        """Digest of all that goes into it."""
+        """Digest of all inputs."""
         return digest(self.inputs())
 
     @property
     def place(self) -> Path:
-        """Its folder, below that of the sweep."""
-        return Path(self.below, self.key[:SHORT])
+        """Folder of the task, relative to that of the sweep."""
+        return Path(self.parent, self.key[:SHORT])
 
 
 @dataclass(frozen=True, eq=False)
 class Response(_Keyed):
-    """The indentation of one finger with one probe, to be solved once.
+    """The indentation of one finger with one probe, solved once.
 
-    `solver` is its name and version; ``stored`` takes a shipped response.
+    `solver` is a name and version, or ``stored`` for a shipped response.
     """
 
     finger: Finger
     probe: Probe
-    asked: Asked
+    contact: ContactOptions
     element: str
     depth_um: float
     solver: str
     label: str = ""
-    below: ClassVar[str] = _SOLVES
+    parent: ClassVar[str] = _SOLVES
 
     def inputs(self) -> Table:
-        """What it is made of."""
+        """All inputs of the task."""
         return {
             "format": FORMAT,
             "fembridge": __version__,
             "solver": self.solver,
             "element": self.element,
             "depth_um": self.depth_um,
-            "contact": dict(self.asked),
+            "contact": dict(self.contact),
             "probe": asdict(self.probe),
             "finger": finger_table(self.finger),
         }
 
     def read(self, folder: Path) -> ResponseMap:
-        """What it came to in the sweep's `folder`, or what is stored for it."""
+        """Response map from the sweep's `folder`, or the stored response."""
         if self.solver == STORED:
             return stored_response(self.finger, self.probe, self.element, depth_um=self.depth_um)
         return read_map(folder / self.place / MAP_FILE)
 
     def is_finished(self, folder: Path) -> bool:
-        """Whether nothing has to be solved for it in the sweep's `folder`."""
+        """Whether the sweep's `folder` has the response map, or it is stored."""
         with suppress(ResponseError):
             return self.solver == STORED or bool(self.read(folder))
         return False
@@ -184,10 +184,10 @@ class Response(_Keyed):
 
 @dataclass(frozen=True, eq=False)
 class Item(_Keyed):
-    """One row of work: `entries` on a response, by one method, with one set of cells.
+    """Stimuli `entries` on a response, by one method, with one parameter set.
 
-    By map it holds all stimuli of the study, as a transient one. `parameters_name`
-    is no part of its key: the numbers are.
+    By map, an item has all stimuli of the study; as a transient, one. Its key depends on the
+    numbers in `parameters`, not on `parameters_name`.
     """
 
     response: Response
@@ -198,48 +198,48 @@ class Item(_Keyed):
     parameters: Parameters
     parameters_name: str = ""
     label: str = ""
-    below: ClassVar[str] = _RUNS
+    parent: ClassVar[str] = _RUNS
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "parameters", dict(self.parameters))  # it pickles
+        object.__setattr__(self, "parameters", dict(self.parameters))  # a dict can be pickled
 
     @property
-    def solve_place(self) -> Path:
-        """Where a transient is solved: the folder of its motion, whatever the cells."""
-        waves = [stimulus_inputs(each) for each in self.stimuli()]
+    def solve_folder(self) -> Path:
+        """Folder of a transient, which depends on the motion, not on the parameter set."""
+        waves = [stimulus_inputs(stimulus) for stimulus in self.stimuli()]
         key = digest({"response": self.response.key, "transient": waves})
         return Path(_SOLVES, key[:SHORT])
 
     def stimuli(self) -> list[Stimulus]:
-        """Samples of its stimuli."""
+        """Waveforms of the item."""
         return [
             make_stimulus(entry, preindent_um=self.preindent_um, seed=self.seed)
             for entry in self.entries
         ]
 
     def inputs(self) -> Table:
-        """What it is made of, its response by key."""
-        # Seeds may be longer than any float is exact for.
+        """All inputs of the item, its response by key."""
+        # A seed may exceed the exact integers of a float.
         seed = {} if self.seed is None else {"seed": str(self.seed)}
         return {
             "format": FORMAT,
             "method": self.method,
             "stimuli": [
-                {"id": one.id, "preindent_um": self.preindent_um, **one.numbers(), **seed}
-                for one in sorted(self.entries, key=lambda entry: entry.id)
+                {"id": entry.id, "preindent_um": self.preindent_um, **entry.numbers(), **seed}
+                for entry in sorted(self.entries, key=lambda item: item.id)
             ],
-            **(_HOW_SOLVED if self.method == "transient" else {}),
+            **(_TRANSIENT_METHOD if self.method == "transient" else {}),
             "parameters": parameters_to_table(self.parameters),
             "response": self.response.key,
         }
 
     def is_finished(self, folder: Path) -> bool:
-        """Whether the sweep's `folder` has all of it, as it was written."""
-        place = folder / self.place
+        """Whether the sweep's `folder` has all files of the item, with their checksums."""
+        item_folder = folder / self.place
         try:
-            record = read_sealed(place / RECORD_FILE, "record of an item", FORMAT)
+            record = read_sealed(item_folder / RECORD_FILE, "record of an item", FORMAT)
             return record["key"] == self.key and all(
-                sha256_of(place / name) == record["files"][name] for name in _FILES
+                sha256_of(item_folder / name) == record["files"][name] for name in _FILES
             )
         except (FembridgeError, OSError, KeyError, TypeError):
             return False
@@ -252,10 +252,10 @@ Task = Response | Item
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
-    """How a task ended: `cause` is "" when it is finished.
+class TaskResult:
+    """Outcome of a task: `cause` of its failure, "" if it is finished.
 
-    `before` says that it was finished before, `busy` that another process is at it.
+    `before`: it was finished earlier. `busy`: another process is running it.
     """
 
     cause: str = ""
@@ -266,10 +266,10 @@ class Ended:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """Work of a study: `items` by their keys, and how its table begins.
+    """Tasks of a study: `items` by their keys, and the first columns of its table.
 
-    `rows` has one for each point and afferent: what is different from point to point,
-    and the ``key`` of the item that answers it.
+    `rows` has one row per point and afferent: the varied parameters, and the ``key`` of the
+    point's item.
     """
 
     rows: "pd.DataFrame"
@@ -278,9 +278,9 @@ class Plan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """What became of a study: `causes` by the key of an item that failed.
+    """Result of a sweep: its table, and `causes` of failed items by their keys.
 
-    `before` items were finished when it began; `rows` are those of the table
+    `before` items were finished when the sweep began; `rows` is the length of the table
     `results`.
     """
 
@@ -292,12 +292,12 @@ class Sweep:
 
     @property
     def results(self) -> Path:
-        """The table as a file."""
+        """Path of the table."""
         return self.folder / RESULTS_FILE
 
     @property
     def table(self) -> "pd.DataFrame":
-        """The table: a row for each point and afferent."""
+        """The table: one row per point and afferent."""
         import pandas as pd
 
         return pd.read_csv(self.results)
@@ -318,28 +318,35 @@ def sweep(
     threads: int | None = None,
     shows: bool = False,
 ) -> Sweep:
-    """Solve many stimuli on many fingers, each once, as the TOML file `study` says.
+    """Table of rates and stresses for all combinations in a study; each response is solved once.
 
-    Goes on where an earlier sweep into `output` ended. Its ``results`` is the path of the
-    table, ``failed`` lists items without an answer, ``causes`` why: nothing of a single item
-    is raised.
+    A sweep resumes an earlier one in `output`. ``results`` is the path of the table, ``failed``
+    lists failed items and ``causes`` the reasons: a failed item raises no error.
 
     Parameters
     ----------
-    jobs, threads
-        Processes on this machine, and threads of each solver.
-    executor, scheduler
-        ``local``, or ``dask`` with the address of a cluster, without one of one made here;
-        all its workers see `output` under the same path.
+    study
+        A `Study` or the path of its TOML file.
+    output
+        Folder of the sweep; default: ``sweep``.
+    jobs
+        Processes on this machine; default: 1.
+    executor
+        ``local`` (default) or ``dask``.
+    scheduler
+        Address of a dask cluster, as ``tcp://HOST:PORT``; default: a cluster of `jobs` processes
+        on this machine. All its workers need `output` under the same path.
+    threads
+        Threads of each solver; default: the cores divided by `jobs`, 1 with `scheduler`.
     shows
-        Show on stderr how far it is.
+        Show progress on stderr; default: no.
 
     Raises
     ------
     UsageError, OutputError
-        A study or numbers that mean nothing; `output` cannot be written.
+        An invalid study or argument; `output` cannot be written.
     MissingError
-        No solver, and the study does not say ``stored``; or no dask.
+        No solver is installed and the study is not ``stored``; or dask is not installed.
 
     Examples
     --------
@@ -350,16 +357,18 @@ def sweep(
     ()
     """
     if jobs < 1:
-        raise UsageError(f"jobs is {jobs}, expected 1 or more")
+        raise UsageError(f"jobs: {jobs}, expected 1 or more")
     if executor not in EXECUTORS:
-        raise UsageError(f"executor {executor!r}, expected {' or '.join(EXECUTORS)}")
+        raise UsageError(f"executor: {executor!r}, expected {' or '.join(EXECUTORS)}")
     if scheduler is not None and executor != "dask":
-        raise UsageError("scheduler is for the executor dask")
+        raise UsageError("scheduler: only with executor dask")
     if not isinstance(study, Study):
         study = read_study(Path(study))
+    if study.stored and threads is not None:
+        raise UsageError("--threads (threads=) is for a solver, and the study says stored")
     folder = make_folder(Path(output)).resolve()
-    here = SolverSettings(threads=threads, jobs=jobs).shared_by(jobs).threads
-    threads = here if scheduler is None else threads or 1
+    local_threads = SolverSettings(threads=threads, jobs=jobs).shared_by(jobs).threads
+    threads = local_threads if scheduler is None else threads or 1
     causes: dict[str, str] = {}
     with ExitStack() as stack:
         cluster = None
@@ -367,55 +376,61 @@ def sweep(
             cluster = stack.enter_context(dask_executor(scheduler, jobs))
         solver = STORED
         if not study.stored:
-            solver = _solver_there(cluster) if cluster else solver_version()
-        plan = plan_of(study, solver)
-        left = {key: item for key, item in plan.items.items() if not item.is_finished(folder)}
-        before = len(plan.items) - len(left)
-        remove_file(folder / RESULTS_FILE)  # it may be of another study, and is not whole now
+            solver = _cluster_solver(cluster) if cluster else solver_version()
+        plan = make_plan(study, solver)
+        unfinished = {key: item for key, item in plan.items.items() if not item.is_finished(folder)}
+        finished_before = len(plan.items) - len(unfinished)
+        remove_file(folder / RESULTS_FILE)  # from an earlier study; incomplete until the end
         write_text(folder / STUDY_FILE, _provenance(study, solver, plan) + study.text)
-        if left:
+        if unfinished:
             stack.enter_context(signals_as_exits())
-            shown = stack.enter_context(_Shown(len(plan.items), before, shows=shows))
-            pool = cluster or stack.enter_context(LocalExecutor(jobs, shown.follow))
+            display = stack.enter_context(
+                _ProgressDisplay(len(plan.items), finished_before, shows=shows)
+            )
+            pool = cluster or stack.enter_context(LocalExecutor(jobs, display.follow))
             try:
-                causes = _do(left, folder, threads, pool, _AT_ONCE if cluster else jobs, shown)
+                causes = _run_tasks(
+                    unfinished, folder, threads, pool, _CLUSTER_TASKS if cluster else jobs, display
+                )
             except KeyboardInterrupt:
-                shown.interrupted()
+                display.print_interruption()
                 raise
     rows = _write_results(folder, plan, causes)
-    return Sweep(folder, plan, causes, before, rows)
+    return Sweep(folder, plan, causes, finished_before, rows)
 
 
-def plan_of(study: Study, solver: str) -> Plan:
-    """Work of `study`, to be done with `solver`, a name and a version."""
+def make_plan(study: Study, solver: str) -> Plan:
+    """Items of `study`, to be solved by `solver`, a name and version."""
     import pandas as pd
 
-    with naming("stimuli"):
+    with located_errors("stimuli"):
         deepest_um = {
-            (entry.id, um): float(make_stimulus(entry, um, study.seed).displacement_um.max())
+            (entry.id, depth_um): float(
+                make_stimulus(entry, depth_um, study.seed).displacement_um.max()
+            )
             for entry in study.stimuli
-            for um in study.preindents_um
+            for depth_um in study.preindents_um
         }
     rows: list[dict[str, Any]] = []
     items: dict[str, Item] = {}
-    for variant, probe, shared in product(study.variants, study.probes, study.contacts):
-        finger, asked = variant.finger, {**shared, **variant.contact}
-        label = _label(study, variant, probe, shared)
+    for variant, probe, shared_contact in product(study.variants, study.probes, study.contacts):
+        finger, contact = variant.finger, {**shared_contact, **variant.contact}
+        label = _label(study, variant, probe, shared_contact)
         responses: dict[float, Response] = {}  # by depth
-        columns = _columns(study, variant, probe, shared)
-        for preindent_um, asked_method in product(study.preindents_um, study.methods):
-            # Of skin that relaxes there is no map: each waveform is solved.
-            method = "transient" if finger.relaxing_s else asked_method
+        columns = _columns(study, variant, probe, shared_contact)
+        for preindent_um, study_method in product(study.preindents_um, study.methods):
+            # Relaxing skin has no response map: each waveform is solved.
+            method = "transient" if finger.relaxing_s else study_method
             by_map = method == "map"  # all stimuli are one item
-            for entries in [study.stimuli] if by_map else [(each,) for each in study.stimuli]:
+            for entries in [study.stimuli] if by_map else [(entry,) for entry in study.stimuli]:
                 depth_um = depth_for(max(deepest_um[entry.id, preindent_um] for entry in entries))
                 response = responses.setdefault(
                     depth_um,
-                    Response(finger, probe, asked, study.element, depth_um, solver, label),
+                    Response(finger, probe, contact, study.element, depth_um, solver, label),
                 )
-                words = [label, method if by_map else f"{method} {entries[0].id}"]
+                label_parts = [label, method if by_map else f"{method} {entries[0].id}"]
                 if len(study.preindents_um) > 1:
-                    words.append(f"pre-indented by {preindent_um:g} um")
+                    label_parts.append(f"pre-indented by {preindent_um:g} um")
                 item = Item(
                     response,
                     method,
@@ -424,7 +439,7 @@ def plan_of(study: Study, solver: str) -> Plan:
                     study.seed,
                     study.parameters.parameters,
                     study.parameters.name,
-                    ", ".join(words),
+                    ", ".join(label_parts),
                 )
                 items.setdefault(item.key, item)
                 point = {**columns, "preindent_um": preindent_um, "method": method}
@@ -437,11 +452,13 @@ def plan_of(study: Study, solver: str) -> Plan:
     return Plan(table.drop_duplicates(["finger", "key", "stimulus", "afferent"]), items)
 
 
-def _columns(study: Study, variant: Variant, probe: Probe, asked: Asked) -> dict[str, Any]:
-    """What is different from point to point, and the usual sizes of the probe."""
-    names = dict.fromkeys(n for each in study.variants for n in each.changes)
-    asked_names = dict.fromkeys(n for each in study.contacts for n in each)
-    flat = any(each.shape == "flat" for each in study.probes)
+def _columns(
+    study: Study, variant: Variant, probe: Probe, contact: ContactOptions
+) -> dict[str, Any]:
+    """Columns of the table: varied parameters, and the probe."""
+    names = dict.fromkeys(name for item in study.variants for name in item.changes)
+    contact_names = dict.fromkeys(name for item in study.contacts for name in item)
+    flat = any(item.shape == "flat" for item in study.probes)
     return {
         "finger": variant.label,
         **{name: variant.value(name) for name in names},
@@ -449,250 +466,256 @@ def _columns(study: Study, variant: Variant, probe: Probe, asked: Asked) -> dict
         "probe_diameter_mm": probe.diameter_mm,
         **({"probe_fillet_mm": probe.fillet_mm} if flat else {}),
         "probe_x_mm": probe.x_mm,
-        **{f"contact_{name}": asked.get(name) for name in asked_names},
+        **{f"contact_{name}": contact.get(name) for name in contact_names},
     }
 
 
-def _label(study: Study, variant: Variant, probe: Probe, asked: Asked) -> str:
-    """What distinguishes a response from the others of the study, and no more."""
-    words = [str(variant)]
+def _label(study: Study, variant: Variant, probe: Probe, contact: ContactOptions) -> str:
+    """Label of a response, of the parameters that vary in the study."""
+    parts = [str(variant)]
     if len(study.probes) > 1:
-        words.append(f"{probe.shape} {probe.diameter_mm:g} mm at x = {probe.x_mm:g} mm")
-    words += [f"{name}={value}" for name, value in asked.items()]
-    return ", ".join(words)
+        parts.append(f"{probe.shape} {probe.diameter_mm:g} mm at x = {probe.x_mm:g} mm")
+    parts += [f"{name}={value}" for name, value in contact.items()]
+    return ", ".join(parts)
 
 
-def _do(
-    left: Mapping[str, Item],
+def _run_tasks(
+    unfinished: Mapping[str, Item],
     folder: Path,
     threads: int | None,
     executor: Executor,
     jobs: int,
-    shown: "_Shown",
+    display: "_ProgressDisplay",
 ) -> dict[str, str]:
-    """Have all items of `left` done, each after its response; why some failed."""
-    behind: dict[str, list[Item]] = {}
-    for item in left.values():
-        behind.setdefault(item.response.key, []).append(item)
-    # An item goes before the responses that wait: so it is known early what comes of
-    # the first fingers, and how long all take.
-    responses = [items[0].response for items in behind.values()]
-    known = [response for response in responses if response.is_finished(folder)]
-    ready: deque[Task] = deque(item for each in known for item in behind.pop(each.key))
-    ready.extend(response for response in responses if response.key in behind)
-    put_off: set[str] = set()
+    """Run all `unfinished` items, each after its response; causes of failed items by key."""
+    waiting: dict[str, list[Item]] = {}
+    for item in unfinished.values():
+        waiting.setdefault(item.response.key, []).append(item)
+    # Items precede waiting responses, so that the first rates and the time estimate come early.
+    responses = [items[0].response for items in waiting.values()]
+    solved = [response for response in responses if response.is_finished(folder)]
+    ready: deque[Task] = deque(item for response in solved for item in waiting.pop(response.key))
+    ready.extend(response for response in responses if response.key in waiting)
+    busy: set[str] = set()
     causes: dict[str, str] = {}
 
-    def submit(task: Task) -> "Future[Ended]":
-        return executor.submit(work, task, folder, threads, waits=task.key in put_off)
+    def submit(task: Task) -> "Future[TaskResult]":
+        return executor.submit(run_task, task, folder, threads, wait=task.key in busy)
 
     for task, future in finished(submit, ready, jobs):
-        ended = _ended(future)
-        if ended.busy:  # in another sweep: looked at again later, and then waited for
-            put_off.add(task.key)
+        result = _task_result(future)
+        if result.busy:  # another sweep runs it: retry at the end, then wait
+            busy.add(task.key)
             ready.append(task)
-        elif isinstance(task, Response) and not ended.cause:
-            ready.extendleft(reversed(behind.pop(task.key)))
+        elif isinstance(task, Response) and not result.cause:
+            ready.extendleft(reversed(waiting.pop(task.key)))
         else:
-            for item in [task] if isinstance(task, Item) else behind.pop(task.key):
-                shown.over(item, ended)
-                if ended.cause:
-                    causes[item.key] = ended.cause
+            for item in [task] if isinstance(task, Item) else waiting.pop(task.key):
+                display.count_item(item, result)
+                if result.cause:
+                    causes[item.key] = result.cause
     return causes
 
 
-def _ended(future: "Future[Ended]") -> Ended:
+def _task_result(future: "Future[TaskResult]") -> TaskResult:
     try:
         return future.result()
     except WorkerDiedError as error:
-        return Ended(str(error))
-    except Exception as error:  # of dask: a worker that died too often, a cancelled task
-        return Ended("failed: " + " ".join(f"{type(error).__name__}: {error}".splitlines()))
+        return TaskResult(str(error))
+    except Exception as error:  # from dask: a worker died too often, a cancelled task
+        return TaskResult("failed: " + " ".join(f"{type(error).__name__}: {error}".splitlines()))
 
 
-def _solver_there(executor: Executor) -> str:
-    """Solver of a worker of a cluster; waits for the first to be there."""
+def _cluster_solver(executor: Executor) -> str:
+    """Solver of a cluster worker; waits for the first worker."""
     try:
-        found = executor.submit(_version_or_error).result()
+        version = executor.submit(_solver_version_or_error).result()
     except Exception as error:
-        raise MissingError(f"a dask worker cannot begin: {error}") from error
-    if isinstance(found, FembridgeError):
-        raise found
-    return found
+        raise MissingError(f"a dask worker cannot start: {error}") from error
+    if isinstance(version, FembridgeError):
+        raise version
+    return version
 
 
-def _version_or_error() -> str | FembridgeError:
+def _solver_version_or_error() -> str | FembridgeError:
     try:
         return solver_version()
     except FembridgeError as error:
-        return error  # raised there, dask would print where
+        return error  # if raised, dask would print a traceback
 
 
-def work(task: Task, folder: Path, threads: int | None = None, *, waits: bool = True) -> Ended:
-    """Do `task` in the sweep's `folder`; what is wrong with it is its cause.
+def run_task(
+    task: Task, folder: Path, threads: int | None = None, *, wait: bool = True
+) -> TaskResult:
+    """Outcome of `task`, run in the sweep's `folder`; an error becomes the result's cause.
 
-    Where another process is at it, wait if it `waits`, or else say so. A response has
-    to be finished before an item that reads it. How far the solver is, is sent to who
-    began the task, with the task's label.
+    If another process runs it, wait (`wait`, the default) or return a result that is `busy`. A
+    response has to be finished before its items. The solver's progress is sent to the process
+    that submitted the task, with the task's label.
     """
     begin_s = time.monotonic()
-    cause, before = "", False
+    cause, finished_before = "", False
 
     def on_progress(progress: Progress) -> None:
         send((task.label, progress))
 
     try:
         if not (folder / STUDY_FILE).is_file():
-            raise OutputError("not there on this machine: all need to share it", folder)
-        before = task.is_finished(folder)
-        if not before:
-            with _alone(folder / task.place, waits):
-                before = task.is_finished(folder)
-                if not before:
-                    do: Callable[..., None] = _solve if isinstance(task, Response) else _answer
-                    do(task, folder, SolverSettings(threads, on_progress=on_progress))
+            raise OutputError("not found on this machine: all workers need the same folder", folder)
+        finished_before = task.is_finished(folder)
+        if not finished_before:
+            with _lock_task(folder / task.place, wait):
+                finished_before = task.is_finished(folder)
+                if not finished_before:
+                    execute: Callable[..., None] = (
+                        _run_response if isinstance(task, Response) else _run_item
+                    )
+                    execute(task, folder, SolverSettings(threads, on_progress=on_progress))
     except LockedError as error:
-        return Ended(str(error), busy=True)
+        return TaskResult(str(error), busy=True)
     except FembridgeError as error:
         cause = " ".join(str(error).replace(f"{folder}/", "").splitlines())
     except OSError as error:
         cause = f"{error.filename or 'cannot read or write'}: {error.strerror or error}"
-    except Exception as error:  # a bug of ours in one item is no end of the others
+    except Exception as error:  # a bug in one item does not stop the others
         with suppress(OutputError):
             write_text(folder / task.place / BUG_FILE, traceback.format_exc())
-        found = " ".join(f"{type(error).__name__}: {error}".splitlines())
-        cause = f"a bug of fembridge, {BUG_FILE} in its folder has it all: {found}"
-    return Ended(cause, before, wall_s=round(time.monotonic() - begin_s, 3))
+        problem = " ".join(f"{type(error).__name__}: {error}".splitlines())
+        cause = f"a bug in fembridge, see {BUG_FILE} in its folder: {problem}"
+    return TaskResult(cause, finished_before, wall_s=round(time.monotonic() - begin_s, 3))
 
 
-def read_answers(place: Path) -> "pd.DataFrame":
-    """Answers of a finished item: rate, spikes and peak stress by stimulus and afferent."""
+def read_answers(folder: Path) -> "pd.DataFrame":
+    """Rate, spikes and peak stress of a finished item by stimulus and afferent."""
     import pandas as pd
 
-    exact = {"rate_ips": float, "spikes": int, "peak_stress_pa": float}
-    return pd.read_csv(place / ANSWERS_FILE, converters=exact)
+    converters = {"rate_ips": float, "spikes": int, "peak_stress_pa": float}
+    return pd.read_csv(folder / ANSWERS_FILE, converters=converters)
 
 
 @cache
 def solver_version() -> str:
     """Name and version of the solver on this machine, as ``calculix 2.20``."""
+    check_cache()
     program = find_ccx()
     if program is None:
         raise MissingError(
-            f"no ccx on the PATH; install it: {SOLVER_INSTALL_LINE}; or say "
-            "'stored = true' in the study: the reference fingers have stored responses"
+            f"no ccx on the PATH; install it: {SOLVER_INSTALL_LINE}; or set "
+            "'stored = true' in the study for the stored responses of the presets"
         )
     return f"calculix {version_of(program)[0] or 'of no known version'}"
 
 
-def _solve(task: Response, folder: Path, settings: SolverSettings) -> None:
+def _run_response(task: Response, folder: Path, settings: SolverSettings) -> None:
     _check_solver(task.solver)
-    place = folder / task.place
+    response_folder = folder / task.place
     solve_response(
-        place,
-        Model(task.finger, _mesh(task, place), task.probe, element=task.element),
+        response_folder,
+        Model(task.finger, _response_mesh(task, response_folder), task.probe, element=task.element),
         task.depth_um,
         settings,
-        ladder=ladder_of(task.asked),
+        ladder=contact_ladder(task.contact),
     )
 
 
-def _answer(item: Item, folder: Path, settings: SolverSettings) -> None:
+def _run_item(item: Item, folder: Path, settings: SolverSettings) -> None:
     """Simulate an item and write its three files, the record last."""
-    place, begin_s = folder / item.place, time.monotonic()
+    item_folder, begin_s = folder / item.place, time.monotonic()
     response = item.response.read(folder)
     simulation = _simulate(item, response, folder, settings)
-    how = {
+    method = {
         "solver": item.response.solver,
         "wall_s": round(time.monotonic() - begin_s, 3),
         "closure_percent": response.closure_percent,
         "contact": response.origin.get("contact", {}),
         "response": str(item.response.place),
     }
-    with filling(place, last=RECORD_FILE) as draft:
-        write_table(draft / ANSWERS_FILE, ANSWER_COLUMNS, _answers_of(simulation))
+    with filling(item_folder, last=RECORD_FILE) as draft:
+        write_table(draft / ANSWERS_FILE, ANSWER_COLUMNS, _answer_rows(simulation))
         write_spikes(draft / SPIKES_FILE, simulation.trains)
         record = {
             "format": FORMAT,
             "key": item.key,
             "parameter_set": item.parameters_name,
-            "how": how,
+            "how": method,
             "files": {name: sha256_of(draft / name) for name in _FILES},
             "inputs": {**item.inputs(), "response": item.response.inputs()},
         }
         write_sealed(draft / RECORD_FILE, record)
     with suppress(OSError):
-        (place / BUG_FILE).unlink(missing_ok=True)
+        (item_folder / BUG_FILE).unlink(missing_ok=True)
 
 
 def _simulate(
     item: Item, response: ResponseMap, folder: Path, settings: SolverSettings
 ) -> Simulation:
-    """Spikes of all stimuli of an item: by the map, or each waveform solved."""
+    """Spikes of all stimuli of an item, by the response map or by transients."""
     task, stimuli = item.response, item.stimuli()
     if item.method == "map":
-        traces = [response.traces(each, item.parameters) for each in stimuli]
+        traces = [response.traces(stimulus, item.parameters) for stimulus in stimuli]
     else:
         accepted = Contact(**cast("dict[str, Any]", response.origin["contact"]))
-        mesh = _mesh(task, folder / task.place)
+        mesh = _response_mesh(task, folder / task.place)
         model = Model(task.finger, mesh, task.probe, accepted, task.element)
-        place, ladder = folder / item.solve_place, ladder_of(task.asked)
-        with _alone(place):
+        motion_folder, ladder = folder / item.solve_folder, contact_ladder(task.contact)
+        with _lock_task(motion_folder):
             _check_solver(task.solver)
-            traces, _ = solve_transients(stimuli, model, place, settings, lambda line: None, ladder)
+            traces, _ = solve_transients(
+                stimuli, model, motion_folder, settings, lambda line: None, ladder
+            )
     return encode_all(stimuli, traces, item.parameters, {})
 
 
-def _answers_of(simulation: Simulation) -> Iterator[tuple[str, str, float, int, float]]:
-    """A row for each stimulus and afferent, of `ANSWER_COLUMNS`."""
+def _answer_rows(simulation: Simulation) -> Iterator[tuple[str, str, float, int, float]]:
+    """Rows of `ANSWER_COLUMNS`, one per stimulus and afferent."""
     spikes: Counter[tuple[str, str]] = Counter()
-    windows = {each.id: each.window_ms for each in simulation.stimuli}
+    windows = {stimulus.id: stimulus.window_ms for stimulus in simulation.stimuli}
     for train in simulation.trains:
-        inside = spikes_inside(train.times_ms, windows[train.stimulus])
-        spikes[train.stimulus, train.afferent] += inside
+        count = spikes_inside(train.times_ms, windows[train.stimulus])
+        spikes[train.stimulus, train.afferent] += count
     traces = chain.from_iterable(simulation.traces)
     for rate, trace in zip(simulation.mean_rates, traces, strict=True):
         key = rate.stimulus, rate.afferent
         yield (*key, rate.rate_ips, spikes[key], float(trace.stress_pa.max()))
 
 
-def _mesh(task: Response, place: Path) -> Mesh:
-    """Mesh beside the response, made where there is none: all that follows shares it."""
+def _response_mesh(task: Response, folder: Path) -> Mesh:
+    """Mesh in the response's folder, made if missing; transients share it."""
     with suppress(FingerError):
-        return read_mesh(place / MESH_FILE)
-    with _meshing:
+        return read_mesh(folder / MESH_FILE)
+    with _mesher_lock:
         mesh = mesh_of(task.finger)
-    write_mesh(place / MESH_FILE, mesh)
+    write_mesh(folder / MESH_FILE, mesh)
     return mesh
 
 
-def _alone(place: Path, waits: bool = True) -> AbstractContextManager[None]:
-    return folder_lock(make_folder(place), _LOCK, wait=waits)
+def _lock_task(folder: Path, wait: bool = True) -> AbstractContextManager[None]:
+    return folder_lock(make_folder(folder), _LOCK, wait=wait)
 
 
 def _check_solver(planned: str) -> None:
-    """Refuse another solver than the one that the key speaks of."""
-    if (here := solver_version()) != planned:
-        raise MissingError(f"{here} is here, the sweep was laid out for {planned}")
+    """Check that the installed solver is the planned one, which is part of the key."""
+    if (installed := solver_version()) != planned:
+        raise MissingError(f"found {installed}, the sweep was planned for {planned}")
 
 
 def _provenance(study: Study, solver: str, plan: Plan) -> str:
-    """Comments to stand over the study's own text."""
+    """Comment lines above the study's text: versions, fingers, checksum."""
     digest = hashlib.sha256(study.text.encode()).hexdigest()
-    files = dict.fromkeys(each.label for each in study.variants)
+    files = dict.fromkeys(variant.label for variant in study.variants)
     lines = [
         f"sweep of the study {study.name!r}, {study.points} points, {len(plan.items)} items",
         f"fembridge {__version__}, solver {solver}, "
         f"Python {sys.version.split()[0]}, NumPy {np.__version__}",
         f"fingers {', '.join(files)}; parameters {study.parameters.name}",
-        f"sha256 of what follows: {digest}" if study.text else "made in Python",
-        "file names count from the folder of the original",
+        f"sha256 of the text below: {digest}" if study.text else "made in Python",
+        "file names are relative to the folder of the original",
     ]
     return "".join(f"# {line}\n" for line in lines) + "\n"
 
 
 def _write_results(folder: Path, plan: Plan, causes: Mapping[str, str]) -> int:
-    """Write a row for each point and afferent, failed ones too; how many there are."""
+    """Write one row per point and afferent, including failed ones; the number of rows."""
     import pandas as pd
 
     causes = dict(causes)
@@ -701,10 +724,10 @@ def _write_results(folder: Path, plan: Plan, causes: Mapping[str, str]) -> int:
         if key not in causes:
             try:
                 answers.append(read_answers(folder / item.place).assign(key=key))
-            except (OSError, ValueError) as error:  # it went away since
+            except (OSError, ValueError) as error:  # deleted since
                 causes[key] = str(error)
-    found = pd.concat([each.astype(object) for each in answers])
-    table = plan.rows.merge(found, how="left", on=["key", "stimulus", "afferent"])
+    combined = pd.concat([answer.astype(object) for answer in answers])
+    table = plan.rows.merge(combined, how="left", on=["key", "stimulus", "afferent"])
     table["cause"] = table["key"].map(causes)
     table["status"] = np.where(table["cause"].isna(), "done", "failed")
     table["run"] = table["key"].map({key: str(item.place) for key, item in plan.items.items()})
@@ -713,21 +736,26 @@ def _write_results(folder: Path, plan: Plan, causes: Mapping[str, str]) -> int:
     return len(table)
 
 
-class _Shown(Bars):
-    """How far a sweep is, on stderr: bars on a terminal, a line an item elsewhere.
+class _ProgressDisplay(Bars):
+    """Progress of a sweep on stderr: bars on a terminal, otherwise one line per item.
 
-    `before` of `total` items were finished when it began.
+    `finished_before` of `total` items were finished when the sweep began.
     """
 
-    def __init__(self, total: int, before: int, *, shows: bool) -> None:
+    def __init__(self, total: int, finished_before: int, *, shows: bool) -> None:
         super().__init__(0.0, shows=shows)
-        self._total, self._before, self._done, self._failed = total, before, before, 0
-        if shows and before and not self.on_terminal:
-            self.print(f"{before} of {total} items are finished already")
+        self._total, self._before, self._done, self._failed = (
+            total,
+            finished_before,
+            finished_before,
+            0,
+        )
+        if shows and finished_before and not self.on_terminal:
+            self.print(f"{finished_before} of {total} items are already finished")
         self._update()
 
     def follow(self, message: tuple[str, Progress]) -> None:
-        """Move the bar of a task's run of the solver; take it away when the run ends."""
+        """Update the bar of a task's solver run; remove it when the run ends."""
         name, progress = message
         if progress.ended:
             self.remove(name)
@@ -735,28 +763,28 @@ class _Shown(Bars):
             self.show(name, progress.fraction, how_far(progress))
         self._update()
 
-    def over(self, item: Item, ended: Ended) -> None:
-        """Count an item that is finished or failed."""
-        self._done += not ended.cause
-        self._failed += bool(ended.cause)
-        if self._shows and ended.cause:
-            self.print(f"failed: {item}: {ended.cause}")
+    def count_item(self, item: Item, result: TaskResult) -> None:
+        """Count a finished or failed item."""
+        self._done += not result.cause
+        self._failed += bool(result.cause)
+        if self._shows and result.cause:
+            self.print(f"failed: {item}: {result.cause}")
         elif self._shows and not self.on_terminal:
-            how = "finished elsewhere" if ended.before else f"{ended.wall_s:.1f} s"
-            self.print(f"{self._done + self._failed}/{self._total} {item}: {how}")
+            detail = "finished elsewhere" if result.before else f"{result.wall_s:.1f} s"
+            self.print(f"{self._done + self._failed}/{self._total} {item}: {detail}")
         self._update()
 
-    def interrupted(self) -> None:
-        """Say what is kept."""
+    def print_interruption(self) -> None:
+        """Print the number of finished items after an interruption."""
         if self._shows:
-            kept = f"{self._done} of {self._total} items are kept"
-            self.print(f"{kept}; the same command goes on with them")
+            text = f"{self._done} of {self._total} items are kept"
+            self.print(f"{text}; run the same command to resume")
 
     def _update(self) -> None:
-        over = self._done + self._failed
-        words = f"{self._done} done, {self._failed} failed"
-        made = over - self._before
-        if made and over < self._total:
-            left_s = (perf_counter() - self._begin_s) * (self._total - over) / made
-            words += f", {timedelta(seconds=round(left_s))} left"
-        self.show("sweep", over / self._total, words)
+        completed = self._done + self._failed
+        text = f"{self._done} done, {self._failed} failed"
+        completed_here = completed - self._before
+        if completed_here and completed < self._total:
+            left_s = (perf_counter() - self._begin_s) * (self._total - completed) / completed_here
+            text += f", {timedelta(seconds=round(left_s))} left"
+        self.show("sweep", completed / self._total, text)

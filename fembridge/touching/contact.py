@@ -15,14 +15,22 @@ Where skin slips along a shape that moves over it, friction drags each node by `
 in that direction, and C is that of both: no longer symmetric, solved in the same way.
 """
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from threading import Lock
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from fembridge.errors import UsageError
+from fembridge.memory import check_memory
 from fembridge.touching.pad import LATTICE_LENGTH_MM, Pad
 from fembridge.touching.shape import Shape
 from fembridge.typing import BoolArray, FloatArray, IntArray, SingleArray
+
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
 
 # Forces below this share of the largest are rounding; nodes may be inside the shape by
 # this share of its depth, a nanometre or so: what single precision resolves.
@@ -33,9 +41,14 @@ _FIRST_NODES = 24
 # Exchanges of all nodes at once that may fail to help before they go one by one.
 _PATIENCE = 5
 _MOST_EXCHANGES = 2_000
-# More changes than this share of the nodes in contact: the inverse is made anew.
-_FRESH_SHARE = 0.25
-# ... and after so many changes, for rounding.
+# From no contact on, so many nodes enter at most in the first exchange, twice as many in the
+# next, and so on: a few nodes that carry all of a force go so deep that a thousand would enter,
+# and most of them would leave again.
+_FIRST_ENTRIES = 48
+# Where more than this share of the nodes in contact leave, or more than this share enter, an
+# inverse made anew takes less time than a change of the last one.
+_MOST_LEAVE, _MOST_ENTER = 0.35, 1.0
+# ... and after so many changes it is made anew for rounding.
 _FRESH_CHANGES = 2_000
 # A fingertip is round along the finger too, about twice as flat as across (8 x 6.5 mm
 # half axes: 9.8 mm). Its curve counts for what touches; what yields is the prism.
@@ -47,8 +60,18 @@ _TRIED_STEPS = 6
 # The deepest that superposition of small strains is meant for.
 MOST_UM = 2_000.0
 MM_PER_UM = 1.0e-3
+# So many steps of a way are in memory with the gaps of all nodes.
+_STEPS_AT_ONCE = 256
+# From so many nodes on that may touch, linear algebra takes all threads of the BLAS. Of fewer it
+# waits for its threads for longer than they work: 1 s of a grating pressed with 0.5 N took
+# twice the processor time, and on a busy machine several times the seconds (decision 0045).
+_NODES_FOR_THREADS = 3_000
 # More nodes than this are not solved as one dense problem.
 MOST_NODES = 6_000
+
+
+GapsAt: TypeAlias = Callable[[IntArray, IntArray], FloatArray | SingleArray]
+"""Ways down ``(step, n)`` in mm to some nodes, counted from 0, at some steps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +92,7 @@ class SkinNodes:
         """Places along the finger, ``(n,)``."""
         return np.asarray(self.row * self.pad.spacing_mm, dtype=np.float64)
 
-    def subset(self, chosen: BoolArray) -> "SkinNodes":
+    def subset(self, chosen: BoolArray | IntArray) -> "SkinNodes":
         """Those of `chosen` ``(n,)``."""
         return SkinNodes(self.pad, self.column[chosen], self.row[chosen])
 
@@ -89,9 +112,14 @@ class SkinNodes:
         return matrix
 
 
+def end_row(pad: Pad, half_length_mm: float = 0.5 * LATTICE_LENGTH_MM) -> int:
+    """The last row of nodes along the finger that a shape may touch."""
+    return 0 if pad.plane else int(half_length_mm / pad.spacing_mm)
+
+
 def skin_nodes(pad: Pad, half_length_mm: float = 0.5 * LATTICE_LENGTH_MM) -> SkinNodes:
     """All nodes that a shape may touch, up to so far from the middle along the finger."""
-    most = 0 if pad.plane else int(half_length_mm / pad.spacing_mm)
+    most = end_row(pad, half_length_mm)
     column, row = np.meshgrid(np.arange(pad.x_mm.size), np.arange(-most, most + 1), indexing="ij")
     return SkinNodes(pad, column.ravel(), row.ravel())
 
@@ -143,7 +171,7 @@ def first_touch_mm(pad: Pad, shape: Shape) -> float:
 
 def press_to(
     pad: Pad, shape: Shape, level: FloatArray, *, newton: bool = False
-) -> tuple[SkinNodes, FloatArray | SingleArray, FloatArray]:
+) -> tuple[SkinNodes, FloatArray, FloatArray]:
     """Nodes that `shape` touches, forces ``(S, node)`` in N and depths ``(S,)`` in um.
 
     `level` ``(S,)`` are depths in um from first touch, or with `newton` forces.
@@ -155,44 +183,102 @@ def press_to(
     """
     nodes = skin_nodes(pad)
     gap_mm = gaps_mm(nodes, shape) - first_touch_mm(pad, shape)
-    nodes, forces, depth_um = press_all(nodes, gap_mm, level, newton=newton)
-    return nodes, forces, np.maximum(depth_um, 0.0) if newton else level
+    most = float(level.max())
+    reach_mm = depth_of_force_mm(nodes, gap_mm, most) if newton else most * MM_PER_UM
+    reached = np.asarray(gap_mm < reach_mm)
+    nodes, gap_mm = nodes.subset(reached), gap_mm[reached]
+    forces = np.empty((level.size, gap_mm.size))
+    depth_um = np.array(level, dtype=np.float64)
+    with blas_threads(gap_mm.size):
+        contact = Contact.of(nodes)
+        for step, pressed in enumerate(level.tolist()):
+            forces[step], depth_mm = contact.press_by(gap_mm, pressed, newton=newton)
+            depth_um[step] = max(depth_mm / MM_PER_UM, 0.0) if newton else pressed
+    return nodes, forces, depth_um
 
 
-def press_all(
+@dataclass(frozen=True, slots=True, eq=False)
+class PressedSteps:
+    """Contact step by step: single precision forces ``(S, node)`` in N on the `nodes` pressed.
+
+    `total_n` and `depth_um` ``(S,)`` are those of the shape.
+    """
+
+    nodes: SkinNodes
+    forces_n: SingleArray
+    total_n: FloatArray
+    depth_um: FloatArray
+
+
+def press_steps(
     nodes: SkinNodes,
-    gap_mm: FloatArray | SingleArray,
+    gaps_at: GapsAt,
+    nearest_mm: FloatArray | SingleArray,
     level: FloatArray,
     *,
     newton: bool = False,
     drag: tuple[float, float] = (0.0, 0.0),
-) -> tuple[SkinNodes, FloatArray | SingleArray, FloatArray]:
-    """What `press_to` gives, of gaps ``(n,)`` or, step by step, ``(S, n)``.
+) -> PressedSteps:
+    """Contact of a shape that moves over `nodes`, a part of the steps after the other.
 
-    Forces are of the precision of the gaps. `drag` comes with 1 N into the skin, along x
-    and z.
+    Parameters
+    ----------
+    gaps_at
+        Makes the gaps ``(step, n)`` of some nodes at some steps.
+    nearest_mm
+        The least gap of each node over all steps, ``(n,)``.
+    level
+        ``(S,)``: depths in um from where the gaps are 0, or with `newton` forces in N.
+    drag
+        The force along x and z that comes with 1 N into the skin.
+
+    Raises
+    ------
+    UsageError
+        Pressed too deep, too many nodes in contact, or too many of them over too many steps
+        for the memory (`fembridge.memory`).
     """
-    steps = np.broadcast_to(gap_mm, (level.size, gap_mm.shape[-1]))
+    every = np.arange(nodes.column.size)
     if newton:
-        step = max(1, level.size // _TRIED_STEPS)
-        tried = [int(level.argmax())] if gap_mm.ndim == 1 else range(0, level.size, step)
+        tried = np.arange(0, level.size, max(1, level.size // _TRIED_STEPS))
         reach_mm = max(
-            depth_of_force_mm(nodes, steps[n].astype(np.float64), float(level[n])) for n in tried
+            depth_of_force_mm(nodes, gap.astype(np.float64), float(level[step]))
+            for step, gap in zip(tried, gaps_at(every, tried), strict=True)
         )
     else:
         reach_mm = float(level.max()) * MM_PER_UM
-    nearest_mm = gap_mm if gap_mm.ndim == 1 else gap_mm.min(axis=0)
-    reached = np.asarray(nearest_mm < reach_mm)
-    nodes, steps = nodes.subset(reached), steps[:, reached]
-    contact = Contact.of(nodes, drag)
-    forces = np.empty(steps.shape, dtype=gap_mm.dtype)
-    depth_mm = level * MM_PER_UM
-    for n, gap in enumerate(steps):
-        if newton:
-            forces[n], depth_mm[n] = contact.press_with(gap.astype(np.float64), float(level[n]))
-        else:
-            forces[n] = contact.press(depth_mm[n] - gap.astype(np.float64))
-    return nodes, forces, depth_mm / MM_PER_UM
+    reached = every[nearest_mm < reach_mm]
+    nodes, count = nodes.subset(reached), reached.size
+    what = f"contact of {level.size} steps on up to {count} nodes"
+    total_n, depth_um = np.empty(level.size), np.array(level, dtype=np.float64)
+    parts: list[tuple[IntArray, SingleArray]] = []  # the nodes pressed, and their forces
+    held_bytes = 0
+    with blas_threads(count):
+        contact = Contact.of(nodes, drag)
+        for first in range(0, level.size, _STEPS_AT_ONCE):
+            steps = np.arange(first, min(first + _STEPS_AT_ONCE, level.size))
+            forces = np.empty((steps.size, count), dtype=np.float32)
+            for step, row, gap in zip(steps, forces, gaps_at(reached, steps), strict=True):
+                force, depth_mm = contact.press_by(
+                    gap.astype(np.float64), float(level[step]), newton=newton
+                )
+                row[:], total_n[step] = force, force.sum()
+                if newton:
+                    depth_um[step] = depth_mm / MM_PER_UM
+            columns = np.flatnonzero(forces.any(axis=0))
+            parts.append((columns, forces[:, columns]))
+            held_bytes += parts[-1][1].nbytes
+            check_memory(2 * held_bytes, what, UsageError)
+    pressed = np.zeros(count, dtype=bool)
+    for columns, _ in parts:
+        pressed[columns] = True
+    at = np.cumsum(pressed) - 1
+    check_memory(held_bytes + 4 * level.size * int(pressed.sum()), what, UsageError)
+    whole = np.zeros((level.size, int(pressed.sum())), dtype=np.float32)
+    for first in range(0, level.size, _STEPS_AT_ONCE):
+        columns, forces = parts.pop(0)
+        whole[first : first + len(forces), at[columns]] = forces
+    return PressedSteps(nodes.subset(pressed), whole, total_n, depth_um)
 
 
 def depth_of_force_mm(nodes: SkinNodes, gap_mm: FloatArray, force_n: float) -> float:
@@ -209,6 +295,51 @@ def depth_of_force_mm(nodes: SkinNodes, gap_mm: FloatArray, force_n: float) -> f
     raise UsageError(
         f"{force_n:g} N presses the shape deeper than {MOST_UM:g} um, expected less force"
     )
+
+
+@contextmanager
+def blas_threads(nodes: int) -> Iterator[None]:
+    """One thread of the BLAS while fewer than `_NODES_FOR_THREADS` `nodes` may touch.
+
+    The limit is that of the process: while several Python threads are inside, the first one
+    sets it and the last one takes it back.
+    """
+    if nodes >= _NODES_FOR_THREADS:
+        yield
+        return
+    _one_thread.enter()
+    try:
+        yield
+    finally:
+        _one_thread.leave()
+
+
+class _OneThread:
+    """The limit of `blas_threads`, and how many are inside."""
+
+    def __init__(self) -> None:
+        self._lock, self._inside = Lock(), 0
+        self._limit: AbstractContextManager[object] | None = None
+
+    def enter(self) -> None:
+        """Set the limit, unless it is set."""
+        from threadpoolctl import threadpool_limits
+
+        with self._lock:
+            self._inside += 1
+            if self._inside == 1:
+                self._limit = threadpool_limits(1, user_api="blas")
+
+    def leave(self) -> None:
+        """Take the limit back once nobody is inside."""
+        with self._lock:
+            self._inside -= 1
+            if self._limit is not None and not self._inside:
+                self._limit.__exit__(None, None, None)
+                self._limit = None
+
+
+_one_thread = _OneThread()
 
 
 class Contact:
@@ -238,6 +369,14 @@ class Contact:
             )
         return cls(nodes.compliance(drag))
 
+    def press_by(
+        self, gap_mm: FloatArray, level: float, *, newton: bool
+    ) -> tuple[FloatArray, float]:
+        """Forces ``(n,)`` in N and depth in mm, by `level` um or with `newton` by `level` N."""
+        if newton:
+            return self.press_with(gap_mm, level)
+        return self.press(level * MM_PER_UM - gap_mm), level * MM_PER_UM
+
     def press(self, overlap_mm: FloatArray) -> FloatArray:
         """Forces ``(n,)`` in N where the shape is `overlap_mm` ``(n,)`` into the skin.
 
@@ -263,6 +402,7 @@ class Contact:
     def _solve(self, overlap_mm: FloatArray, force_n: float | None) -> tuple[FloatArray, float]:
         active = self._set
         count = overlap_mm.size
+        most_entries = count if active.rows.size else _FIRST_ENTRIES
         possible = np.isfinite(overlap_mm)
         overlap = np.where(possible, overlap_mm, 0.0)
         if force_n is None:
@@ -305,6 +445,10 @@ class Contact:
                     (np.arange(count) == last) & enter,
                     (np.arange(count) == last) & leave,
                 )
+            if enter.sum() > most_entries:
+                deepest = np.argpartition(np.where(enter, -inside_mm, np.inf), most_entries)
+                enter[deepest[most_entries:]] = False
+            most_entries *= 2
             if leave.sum() == rows.size and not enter.any():  # never none at all by force
                 leave[rows[force[rows].argmax()]] = False
             active.exchange(enter, leave)
@@ -347,7 +491,12 @@ class _ActiveSet:
         new = np.flatnonzero(enter)
         out = np.flatnonzero(leave[self.rows])
         self._changes += new.size + out.size
-        if new.size + out.size > _FRESH_SHARE * self.rows.size or self._changes > _FRESH_CHANGES:
+        stay = self.rows.size - out.size
+        if (
+            out.size > _MOST_LEAVE * self.rows.size
+            or new.size > _MOST_ENTER * stay
+            or self._changes > _FRESH_CHANGES
+        ):
             self.rows = np.concatenate([np.delete(self.rows, out), new])
             self.inverse[:] = np.linalg.inv(self._matrix[np.ix_(self.rows, self.rows)])
             self._changes = 0
@@ -362,11 +511,11 @@ class _ActiveSet:
         # Those to go that stand before `stay`, with those to stay that stand after it.
         hole = out[out < stay]
         tail = np.setdiff1d(np.arange(stay, self.rows.size), out)
-        for one, other in zip(hole.tolist(), tail.tolist(), strict=True):
-            self.rows[[one, other]] = self.rows[[other, one]]
-            self._buffer[[one, other], :] = self._buffer[[other, one], :]
-            self._buffer[:, [one, other]] = self._buffer[:, [other, one]]
+        before, after = np.concatenate([hole, tail]), np.concatenate([tail, hole])
         whole = self.inverse
+        self.rows[before] = self.rows[after]
+        whole[before] = whole[after]
+        whole[:, before] = whole[:, after]
         block = np.linalg.solve(whole[stay:, stay:], whole[stay:, :stay])
         whole[:stay, :stay] -= whole[:stay, stay:] @ block
         self.rows = self.rows[:stay]

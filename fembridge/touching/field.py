@@ -15,11 +15,12 @@ import numpy as np
 from decks.stimuli import DT_MS
 from fembridge.errors import UsageError
 from fembridge.touching.contact import MOST_UM, press_to
+from fembridge.touching.doubts import depth_doubt, narrow_doubt, warn
 from fembridge.touching.pad import Pad, pad_named
 from fembridge.touching.population import ENDINGS_MM, Population
 from fembridge.touching.shape import Shape
-from fembridge.touching.stress import driving_stress_pa
-from fembridge.touching.touch import PAD, between, parameters_on
+from fembridge.touching.stress import between, driving_stress_pa
+from fembridge.touching.touch import PAD, check_number, parameters_on
 from fembridge.touching.way import Way
 from fembridge.typing import BoolArray, FloatArray, IntArray
 from neural.encoder import encode_units
@@ -34,6 +35,8 @@ _RAMP_MS, _HOLD_MS = 20.0, 100.0
 _VIBRATION_MS = 200.0
 _HALF_LENGTH_MM = 8.0
 _LEVELS = 21
+# The least diameter of a probe, and what is more than 0.
+_LEAST_PROBE_MM, _LEAST = 0.01, 1e-9
 # Halvings of the search for a threshold.
 _HALVINGS = 14
 
@@ -110,6 +113,8 @@ def receptive_field(
 
     Parameters
     ----------
+    probe_diameter_mm
+        From 0.01 to how far from the apex skin may be touched: on ``reference`` 4.3 mm.
     depth_um
         Depths of a ramp-and-hold press, or with `frequency_hz` amplitudes of a sinusoid.
     times_threshold
@@ -128,7 +133,12 @@ def receptive_field(
     Raises
     ------
     UsageError
-        No such class, or numbers that mean nothing.
+        No such class, or a number out of its range.
+
+    Warns
+    -----
+    FembridgeWarning
+        Depths of more than 1 mm, or a probe narrower than 1.75 times the distance of nodes.
 
     Examples
     --------
@@ -141,21 +151,21 @@ def receptive_field(
     if skin.plane:
         raise UsageError("a plane pad has no fields: its probes are endless along the finger")
     own = parameters_on(skin, parameters).parameters
-    if afferent not in own or afferent not in skin.finger.afferents:
+    if afferent not in tuple(own) or afferent not in skin.finger.afferents:
         raise UsageError(f"afferent {afferent!r}, expected one of {', '.join(own)}")
-    if not 0 < criterion <= 1:
-        raise UsageError(f"criterion is {criterion:g}, expected a share, 0 to 1")
-    if not 0.1 <= step_mm <= 2:
-        raise UsageError(f"steps of {step_mm:g} mm, expected 0.1 to 2")
-    depths = sorted(float(each) for each in depth_um)
-    for each in (*depths, *times_threshold):
-        if not 0 < each <= MOST_UM:
-            raise UsageError(f"depth {each:g}, expected 0 to {MOST_UM:g} um")
+    check_number("probe_diameter_mm", probe_diameter_mm, _LEAST_PROBE_MM, skin.reach_mm)
+    check_number("criterion", criterion, _LEAST, 1.0)
+    check_number("step_mm", step_mm, 0.1, 2.0)
+    depths, multiples = list(np.atleast_1d(depth_um)), list(np.atleast_1d(times_threshold))
+    for name, values in (("depth_um", depths), ("times_threshold", multiples)):
+        for value in values:
+            check_number(name, value, _LEAST, MOST_UM)
+    depths = sorted(map(float, depths))
     half_mm = skin.reach_mm - 0.5 * probe_diameter_mm
     across = np.arange(-int(half_mm / step_mm), int(half_mm / step_mm) + 1.0) * step_mm
     along = np.arange(0, int(_HALF_LENGTH_MM / step_mm) + 1.0) * step_mm
     wave = _wave(frequency_hz)
-    deepest = MOST_UM if times_threshold else max(depths, default=0.0)
+    deepest = MOST_UM if multiples else max(depths, default=0.0)
     level_um = deepest * (np.arange(_LEVELS) / (_LEVELS - 1)) ** 1.5
     probe = Shape.punch(probe_diameter_mm)
 
@@ -175,10 +185,16 @@ def receptive_field(
 
     middle = curves(0.0, np.zeros(1))
     threshold_um = _threshold(lambda depth: int(impulses(middle, depth)[0]), deepest)
-    depths += [one * threshold_um for one in times_threshold if one * threshold_um <= MOST_UM]
+    depths += [times * threshold_um for times in multiples if times * threshold_um <= MOST_UM]
     depths = sorted(depths)
     if not depths:
         raise UsageError(f"{afferent} does not fire up to {MOST_UM:g} um: no depth to map")
+    for doubt in (
+        narrow_doubt(skin, probe.name, probe_diameter_mm),
+        depth_doubt(depths[-1]),
+    ):
+        if doubt:
+            warn(doubt)
     stress = np.concatenate([curves(float(x), along) for x in across], axis=1)
     half = np.stack([impulses(stress, depth).reshape(across.size, -1) for depth in depths])
     return ReceptiveField(
@@ -198,8 +214,7 @@ def _wave(frequency_hz: float | None) -> FloatArray:
     if frequency_hz is None:
         way = Way.hold(press_um=1.0, ramp_ms=_RAMP_MS, hold_ms=_HOLD_MS)
         return way.pressed
-    if not 1 <= frequency_hz <= 1000:
-        raise UsageError(f"frequency is {frequency_hz:g} Hz, expected 1 to 1000")
+    check_number("frequency_hz", frequency_hz, 1.0, 1000.0)
     times_ms = np.arange(int(_VIBRATION_MS / DT_MS) + 1) * DT_MS
     return np.asarray(np.sin(2 * np.pi * frequency_hz * times_ms / 1000.0))
 

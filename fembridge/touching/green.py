@@ -6,6 +6,7 @@ their difference that at x < 0.
 """
 
 import hashlib
+import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
@@ -29,6 +30,7 @@ from fembridge.results import read_fields
 from fembridge.results.fields import Field, rows_of
 from fembridge.run_folder import RunFolder
 from fembridge.solver.ccx import solve_once
+from fembridge.solver.process import signals_as_exits
 from fembridge.solver.settings import DEFAULTS, SolverSettings
 from fembridge.store import make_folder, write_text
 from fembridge.touching.pad import STRESS_FLIP, Pad, StressRow
@@ -58,9 +60,11 @@ def solve_pad(
     prism = prism_of(finger, mesh)
     make_folder(folder)
 
+    halt = threading.Event()
+
     def solved(case: GreenCase) -> tuple[FloatArray, float, str | None]:
         run = _run_folder(folder / case.name, prism, case)
-        outcome = solve_once(run, settings.shared_by(settings.jobs))
+        outcome = solve_once(run, settings.shared_by(settings.jobs), halt)
         if not outcome.accepted:
             raise outcome.to_error()
         found = _read(run, prism, case)
@@ -68,8 +72,11 @@ def solve_pad(
         return found, outcome.wall_s, outcome.version
 
     cases = CASES[:2] if mesh.plane else CASES  # nothing moves along z
-    with ThreadPoolExecutor(settings.jobs) as pool:
-        answers = list(pool.map(solved, cases))
+    with signals_as_exits(), ThreadPoolExecutor(settings.jobs) as pool:
+        try:
+            answers = list(pool.map(solved, cases))
+        finally:  # after Ctrl-C the pool waits until each solver is stopped
+            halt.set()
     even, odd = (_joined(*(answer[0] for answer in answers[parity::2])) for parity in (0, 1))
     origin = {
         "solver": f"CalculiX {answers[0][2] or ''}".strip(),

@@ -6,20 +6,26 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from fembridge.errors import UsageError
+from fembridge.number import parse_number, parse_whole_number
 from fembridge.store import near_hint
 
 _Made = TypeVar("_Made")
+_PARSERS: Mapping[type, tuple[Callable[[str], Any], str]] = {
+    int: (parse_whole_number, "a whole number"),
+    float: (parse_number, "a number"),
+    str: (str, "a text"),
+}
 
 
 def named(
     word: str,
     kind: str,
-    known: Mapping[str, Callable[..., _Made]],
+    makers: Mapping[str, Callable[..., _Made]],
     read: Callable[[Path], _Made],
     suffixes: str,
     **fixed: Any,  # noqa: ANN401
 ) -> _Made:
-    """What a `known` name, with the sizes after its colon, makes; else the file is `read`.
+    """The value that one of `makers` makes of the sizes after its name, or that `read` reads.
 
     `kind` and `suffixes` say what was expected.
 
@@ -29,33 +35,44 @@ def named(
         Neither a name nor a file; near names are named.
     """
     name, path = word.partition(":")[0], Path(word)
-    if name in known:
-        return _made_of(word, known[name], **fixed)
-    if path.suffix or path.exists():
+    if name in makers:
+        return _call(word, makers[name], **fixed)
+    if path.suffix or _exists(path):
         return read(path)
     raise UsageError(
-        f"{kind} {name!r}, expected {', '.join(known)} or a file {suffixes}"
-        + near_hint(name, known)
+        f"{kind} {name!r}, expected {', '.join(makers)} or a file {suffixes}"
+        + near_hint(name, makers)
     )
 
 
-def _made_of(word: str, make: Callable[..., _Made], **fixed: Any) -> _Made:  # noqa: ANN401
-    """What `make` makes of the sizes after the colon of `word`; `fixed` are not the user's."""
+def _exists(path: Path) -> bool:
+    """Whether `path` is a file, folder or pipe; not where its name is too long for one."""
+    try:
+        return path.exists()
+    except OSError:
+        return False
+
+
+def _call(word: str, make: Callable[..., _Made], **fixed: Any) -> _Made:  # noqa: ANN401
+    """The value that `make` makes of the sizes after the colon of `word` and of `fixed`."""
     _, _, sizes = word.partition(":")
-    known = {
-        key: type(one.default)
-        for key, one in inspect.signature(make).parameters.items()
-        if isinstance(one.default, int | float | str)
+    kinds = {
+        key: type(parameter.default)
+        for key, parameter in inspect.signature(make).parameters.items()
+        if isinstance(parameter.default, int | float | str)
     }
-    given: dict[str, Any] = {}
+    arguments: dict[str, Any] = {}
     for part in filter(None, sizes.split(",")):
         key, equals, text = part.partition("=")
         key = key.strip()
-        if not equals or key not in known:
-            expected = ", ".join(f"{each}=..." for each in known) or "no size"
-            raise UsageError(f"{word!r}: {part!r}, expected {expected}{near_hint(key, known)}")
+        if not equals or key not in kinds:
+            expected = ", ".join(f"{name}=..." for name in kinds) or "no size"
+            raise UsageError(f"{word!r}: {part!r}, expected {expected}{near_hint(key, kinds)}")
+        if key in arguments:
+            raise UsageError(f"{word!r}: {key} twice")
+        parse, expected = _PARSERS[kinds[key]]
         try:
-            given[key] = known[key](text)
+            arguments[key] = parse(text)
         except ValueError as error:
-            raise UsageError(f"{word!r}: {key} is {text!r}, expected a number") from error
-    return make(**given, **fixed)
+            raise UsageError(f"{word!r}: {key} is {text!r}, expected {expected}") from error
+    return make(**arguments, **fixed)

@@ -16,6 +16,8 @@ rates were recorded with. `pad_response` is the answer to it as a response map: 
 `fitted_pad` was fitted on, see ``docs/model_study.md``.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -42,9 +44,112 @@ PIN_MM, _PIN_UM = 1.0, 200.0
 # no kinks.
 DEEPEST_UM, _LEVELS = 600.0, 21
 # A unit may be this share of a row's thickness outside of the middles of rows.
-_BEYOND = 0.75
-# Numbers that a block of units takes at a time.
+_BEYOND = Pad.BEYOND_ROWS
+# Numbers that a block of endings takes at a time.
 _BLOCK = 4_000_000
+# Of a contact of so few states the stress of all of them is kept, and interpolated as needed.
+_FEW_STATES = 64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solved:
+    """Forces ``(S, node)`` on `nodes` at the states that were solved, and those of the shape.
+
+    `total_n` and `depth_um` ``(S,)`` are the shape's force and depth. Sample n of the touch
+    lies at `at` ``(T,)`` among their rising `knots` ``(S,)``. `drag` ``(S, 2)`` is the force
+    along x and z that comes with 1 N into the skin; None where nothing slips.
+    """
+
+    nodes: SkinNodes
+    forces_n: FloatArray | SingleArray
+    total_n: FloatArray
+    depth_um: FloatArray
+    knots: FloatArray
+    at: FloatArray
+    drag: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UnitStress:
+    """Stress of `units` in a contact, some units and samples at a time.
+
+    All of it may be larger than the memory: `neural.encoder.encode_units` asks for parts.
+    """
+
+    pad: Pad
+    units: Population
+    contact: Solved
+
+    @property
+    def samples(self) -> int:
+        """How many samples there are."""
+        return self.contact.at.size
+
+    def of(self, rows: IntArray) -> Callable[[int, int], FloatArray]:
+        """What makes the stress ``(sample, unit)`` of the units `rows`, from sample to sample."""
+        knots, at = self.contact.knots, self.contact.at
+        units = _some(self.units, rows)
+        if knots.size <= _FEW_STATES:
+            few = self._at_states(units, 0, knots.size)
+            return lambda first, last: between(knots, few, at[first:last])
+
+        def part(first: int, last: int) -> FloatArray:
+            # A cubic between two states takes the slopes there, and these one more on each side.
+            begin = max(int(np.searchsorted(knots, at[first:last].min(), "right")) - 3, 0)
+            end = int(np.searchsorted(knots, at[first:last].max(), "left")) + 3
+            stress = self._at_states(units, begin, end)
+            return between(knots[begin:end], stress, at[first:last])
+
+        return part
+
+    def whole(self, rows: IntArray) -> FloatArray:
+        """Stress ``(T, unit)`` of the units `rows`."""
+        whole = np.empty((self.samples, rows.size))
+        width = max(1, _BLOCK // self.samples)
+        for first in range(0, rows.size, width):
+            chosen = slice(first, first + width)
+            whole[:, chosen] = self.of(rows[chosen])(0, self.samples)
+        return whole
+
+    def _at_states(self, units: Population, begin: int, end: int) -> FloatArray:
+        states, contact = slice(begin, end), self.contact
+        drag, forces = contact.drag, contact.forces_n[states]
+        if drag is None:
+            return driving_stress_pa(self.pad, contact.nodes, forces, units)
+        return driving_stress_pa(
+            self.pad, contact.nodes, forces, units, drag[states], turns=_turns(drag)
+        )
+
+
+def _turns(drag: FloatArray) -> bool:
+    """Whether drag ``(S, 2)`` changes its direction or size."""
+    return bool(np.abs(drag - drag[0]).max() >= 1e-6)
+
+
+def _some(units: Population, rows: IntArray) -> Population:
+    """The units `rows` of a population."""
+    columns = (units.unit, units.afferent, units.layer)
+    unit, afferent, layer = (tuple(column[row] for row in rows.tolist()) for column in columns)
+    return replace(
+        units,
+        unit=unit,
+        afferent=afferent,
+        layer=layer,
+        x_mm=units.x_mm[rows],
+        z_mm=units.z_mm[rows],
+        depth_mm=units.depth_mm[rows],
+        deviate=units.deviate[rows],
+    )
+
+
+def between(knots: FloatArray, values: FloatArray | SingleArray, at: FloatArray) -> FloatArray:
+    """Values ``(S, ...)`` at rising `knots`, read at `at` along a monotone cubic."""
+    if np.array_equal(knots, at):
+        return np.asarray(values, dtype=np.float64)
+    from scipy.interpolate import PchipInterpolator
+
+    found: FloatArray = PchipInterpolator(knots, values, axis=0)(at)
+    return found
 
 
 def driving_stress_pa(
@@ -53,10 +158,13 @@ def driving_stress_pa(
     forces_n: FloatArray | SingleArray,
     units: Population,
     drag: FloatArray | None = None,
+    *,
+    turns: bool = False,
 ) -> FloatArray:
     """Stress that drives each unit ``(S, unit)`` in Pa under `forces_n` ``(S, node)``.
 
-    `drag` ``(S, 2)`` is the force along x and z that comes with 1 N into the skin. Of
+    `drag` ``(S, 2)`` is the force along x and z that comes with 1 N into the skin, the same in
+    all states unless it `turns`. Of
     the endings of a unit that counts whose stress, times its sensitivity, is largest.
 
     Raises
@@ -72,30 +180,34 @@ def driving_stress_pa(
     unit, x_mm, z_mm, sensitivity = units.endings()
     layer, depth_mm = np.array(units.layer)[unit], units.depth_mm[unit]
     reads_sa = (np.array(units.afferent) == "SA")[unit] & (not units.sa_von_mises)
-    straight = drag is None or bool(np.abs(drag - drag[0]).max() < 1e-6)
+    straight = drag is None or not turns
     forces = np.ascontiguousarray(forces_n, dtype=np.float32)
     if drag is not None and not straight:
         forces = np.concatenate([forces, forces * drag[:, :1], forces * drag[:, 1:]], axis=1)
     steady = (float(drag[0, 0]), float(drag[0, 1])) if drag is not None and straight else (0.0, 0.0)
-    stress = np.empty((len(forces), unit.size), dtype=np.float32)
     columns = np.unique(nodes.column).size * 2 * pad.stress_z_mm.size
     step = max(1, _BLOCK // (6 * max(*forces.shape, columns)))
-    for first in range(0, unit.size, step):
-        mine = slice(first, first + step)
-        places = layer[mine], x_mm[mine], z_mm[mine], depth_mm[mine]
+    # Blocks end with the last ending of a unit.
+    starts = np.append(np.flatnonzero(np.diff(unit, prepend=-1)), unit.size)
+    first = 0
+    while first < len(units):
+        last = max(int(np.searchsorted(starts, starts[first] + step, "right")) - 1, first + 1)
+        block = slice(int(starts[first]), int(starts[last]))
+        places = layer[block], x_mm[block], z_mm[block], depth_mm[block]
         influence = influence_pa(pad, nodes, *places, drag=steady)
         if not straight:  # along a curve the drag turns: tensors of all three directions
             aside = [influence_pa(pad, nodes, *places, drag=one) for one in ((1, 0), (0, 1))]
             influence = np.concatenate([influence, *(each - influence for each in aside)], axis=2)
-        sa = reads_sa[mine]
-        block = stress[:, mine]
-        block[:, ~sa] = von_mises_pa(influence[:, ~sa], forces)
+        sa = reads_sa[block]
+        stress = np.empty((len(forces), sa.size), dtype=np.float32)
+        stress[:, ~sa] = von_mises_pa(influence[:, ~sa], forces)
         if sa.any():
-            normal = pad.normal_at(x_mm[mine][sa])
-            block[:, sa] = _sa_scale(pad) * sa_stress_pa(influence[:, sa], forces, normal)
-    starts = np.flatnonzero(np.diff(unit, prepend=-1))
-    stress *= sensitivity.astype(np.float32)
-    driving[touched] = np.maximum.reduceat(stress, starts, axis=1)
+            normal = pad.normal_at(x_mm[block][sa])
+            stress[:, sa] = _sa_scale(pad) * sa_stress_pa(influence[:, sa], forces, normal)
+        stress *= sensitivity[block].astype(np.float32)
+        own = starts[first:last] - starts[first]
+        driving[touched, first:last] = np.maximum.reduceat(stress, own, axis=1)
+        first = last
     return driving
 
 

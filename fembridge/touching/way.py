@@ -1,5 +1,6 @@
 """How a shape moves: depth or force, and place, over time; and arrays of moving pins."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,11 +13,17 @@ from fembridge.stimulus import Stimulus
 from fembridge.stimulus_file import stimuli_of
 from fembridge.tables import read_table
 from fembridge.touching.contact import MM_PER_UM, MOST_UM
+from fembridge.touching.shape import MAX_AWAY_MM, MAX_TURN_DEG, Shape, check_range
 from fembridge.typing import FloatArray
 
 _MS_PER_S = 1.0e3
 _MOST_N = 20.0
 _MOST_SAMPLES = 200_001
+# The farthest that a shape is above first touch, and from the middle of the pad.
+_MAX_LIFT_UM = 1.0e6
+_MAX_AWAY_MM = 1_000.0
+_MAX_TIME_MS = 1.0e12
+_MAX_PINS, _MAX_PIN_SAMPLES = 2_000, 20_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,6 +35,17 @@ class Pins:
 
     places: tuple[tuple[float, float, float], ...]
     depth_um: FloatArray
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.places) <= _MAX_PINS:
+            raise UsageError(f"{len(self.places)} pins, expected 1 to {_MAX_PINS}")
+        if self.depth_um.ndim != 2 or self.depth_um.shape[1] != len(self.places):
+            raise UsageError(
+                f"depth_um {self.depth_um.shape}, expected (T, {len(self.places)}), one a pin"
+            )
+        for x_mm, z_mm, diameter_mm in self.places:
+            Shape.punch(diameter_mm).moved(x_mm, z_mm)  # refuses numbers that no pin has
+        _check_values("depth_um of a pin", self.depth_um, -_MAX_LIFT_UM, MOST_UM)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,11 +68,26 @@ class Way:
     pins: Pins | None = None
 
     def __post_init__(self) -> None:
-        if self.pressed.size > _MOST_SAMPLES:
-            raise UsageError(f"{self.pressed.size} samples, expected at most {_MOST_SAMPLES}")
+        if self.pressed.ndim != 1 or not 1 <= self.pressed.size <= _MOST_SAMPLES:
+            raise UsageError(f"{self.pressed.size} samples, expected 1 to {_MOST_SAMPLES}")
+        if not 0 < self.dt_ms < math.inf:
+            raise UsageError(f"dt_ms is {self.dt_ms:g}, expected more than 0")
+        start_ms, end_ms = self.window_ms
+        if not -math.inf < start_ms < end_ms < math.inf:
+            raise UsageError(f"window_ms is {start_ms:g} to {end_ms:g}, expected a rising pair")
         most, unit = (_MOST_N, "N") if self.newton else (MOST_UM, "um")
         if not self.pressed.max() <= most:
             raise UsageError(f"pressed by {self.pressed.max():g} {unit}, expected at most {most:g}")
+        if not self.pressed.min() >= -_MAX_LIFT_UM:
+            raise UsageError(
+                f"pressed by {self.pressed.min():g} {unit}, expected at least {-_MAX_LIFT_UM:g}"
+            )
+        for name, place_mm in (("x_mm", self.x_mm), ("z_mm", self.z_mm)):
+            if place_mm is None:
+                continue
+            if place_mm.shape != self.pressed.shape:
+                raise UsageError(f"{name} {place_mm.shape}, expected {self.pressed.shape}")
+            _check_values(name, place_mm, -_MAX_AWAY_MM, _MAX_AWAY_MM)
 
     @property
     def slides(self) -> bool:
@@ -111,6 +144,7 @@ class Way:
             raise UsageError(f"slides at {speed_mm_per_s:g} mm/s, expected 0 to 1000")
         if not 10 <= duration_ms <= 60_000:
             raise UsageError(f"slides for {duration_ms:g} ms, expected 10 to 60000")
+        check_range("direction_deg", direction_deg, -MAX_TURN_DEG, MAX_TURN_DEG)
         times_ms = np.arange(round(duration_ms / DT_MS) + 1) * DT_MS
         way_mm = speed_mm_per_s * times_ms / _MS_PER_S
         turn = np.radians(direction_deg)
@@ -133,16 +167,22 @@ class Way:
         Raises
         ------
         TableError, UsageError
-            Not such a table.
+            Not such a table, a column of another name, or too long a time.
         """
         path = Path(path)
-        table = read_table(path, ("time_ms", "x_mm", "z_mm"))
+        table = read_table(path, ("time_ms", "x_mm", "z_mm"), ("depth_um", "force_n"))
         pressed = [name for name in ("depth_um", "force_n") if name in table.header]
         if len(pressed) != 1 or table.size < 2:
             raise UsageError(f"{path}: expected two rows or more with either depth_um or force_n")
-        at_ms = table.numbers("time_ms")
+        at_ms = table.numbers("time_ms", -_MAX_TIME_MS)
         table.refuse(np.diff(at_ms, prepend=at_ms[0] - 1) <= 0, lambda row: "time_ms does not rise")
-        times_ms = np.arange(int((at_ms[-1] - at_ms[0]) / DT_MS + 1e-9) + 1) * DT_MS
+        steps = (float(at_ms[-1]) - float(at_ms[0])) / DT_MS + 1e-9
+        if not 1 <= steps < _MOST_SAMPLES:
+            raise UsageError(
+                f"{path}: time_ms from {at_ms[0]:g} to {at_ms[-1]:g}, expected {DT_MS:g} to "
+                f"{(_MOST_SAMPLES - 1) * DT_MS:g} ms"
+            )
+        times_ms = np.arange(int(steps) + 1) * DT_MS
         x_mm, z_mm, level = (
             np.interp(times_ms + at_ms[0], at_ms, table.numbers(name))
             for name in ("x_mm", "z_mm", pressed[0])
@@ -199,24 +239,48 @@ def read_pins(path: Path | str, preindent_um: float = 0.0) -> Way:
     TableError, StimulusError
         Not such a table, or no such stimulus.
     """
-    table = read_table(Path(path), ("x_mm", "z_mm", "diameter_mm", "stimulus"))
-    if not table.size:
-        raise UsageError(f"{path}: a header and no rows, expected pins")
-    waves = []
-    for row, word in enumerate(table.words("stimulus")):
-        found = stimuli_of(word, preindent_um)
-        if len(found) != 1:
-            raise table.error(row, f"stimulus {word!r} names {len(found)}, expected one")
-        waves += found
-    most = max(wave.displacement_um.size for wave in waves)
-    depth_um = np.stack(  # a pin whose waveform has ended stays where it is
-        [np.pad(w.displacement_um, (0, most - w.displacement_um.size), "edge") for w in waves],
-        -1,
+    table = read_table(Path(path), ("x_mm", "z_mm", "diameter_mm", "stimulus"), ())
+    if not 1 <= table.size <= _MAX_PINS:
+        raise UsageError(f"{path}: {table.size} pins, expected 1 to {_MAX_PINS}")
+    x_mm, z_mm, diameter_mm = (
+        table.numbers(name, least)
+        for name, least in (("x_mm", -MAX_AWAY_MM), ("z_mm", -MAX_AWAY_MM), ("diameter_mm", 0.01))
     )
-    sizes = table.numbers("x_mm"), table.numbers("z_mm"), table.numbers("diameter_mm", 0.01)
-    places = tuple(zip(*(each.tolist() for each in sizes), strict=True))
+    by_name: dict[str, Stimulus] = {}
+    names = table.words("stimulus").tolist()
+    for row, name in enumerate(names):
+        try:
+            Shape.punch(diameter_mm[row]).moved(x_mm[row], z_mm[row])
+        except UsageError as error:
+            raise table.error(row, str(error)) from error
+        if name in by_name:
+            continue
+        stimuli = stimuli_of(name, preindent_um)
+        if len(stimuli) != 1:
+            raise table.error(row, f"stimulus {name!r} names {len(stimuli)}, expected one")
+        by_name[name] = stimuli[0]
+    waves = [by_name[name] for name in names]
+    most = max(wave.displacement_um.size for wave in waves)
+    if most * len(waves) > _MAX_PIN_SAMPLES:
+        raise UsageError(
+            f"{path}: {len(waves)} pins of {most} samples, expected at most "
+            f"{_MAX_PIN_SAMPLES} in all"
+        )
+    depth_um = np.empty((most, len(waves)))
+    for pin, wave in enumerate(waves):  # a pin whose waveform has ended stays where it is
+        depth_um[:, pin] = np.pad(
+            wave.displacement_um, (0, most - wave.displacement_um.size), "edge"
+        )
+    places = tuple(zip(x_mm.tolist(), z_mm.tolist(), diameter_mm.tolist(), strict=True))
     window_ms = min(w.window_ms[0] for w in waves), max(w.window_ms[1] for w in waves)
     return Way.of_pins(Pins(places, depth_um), waves[0].dt_ms, window_ms)
+
+
+def _check_values(name: str, values: FloatArray, least: float, most: float) -> None:
+    """Refuse `values` that are not finite or not from `least` to `most`."""
+    lowest, highest = float(values.min()), float(values.max())
+    if not (least <= lowest and highest <= most):
+        raise UsageError(f"{name} is {lowest:g} to {highest:g}, expected {least:g} to {most:g}")
 
 
 def _level(press_um: float | None, press_n: float | None) -> tuple[float, str]:

@@ -72,7 +72,7 @@ def test_a_half_has_the_numbers_of_the_whole_none_from_the_left_and_an_axis(both
     assert whole.axis.size == 0
     assert (whole.thickness_mm, half.thickness_mm) == (1.0, 2.0)
     assert half.watched_on_axis == (half.afferent["SA"], half.afferent["PC"], half.apex)
-    assert half.whole().watched_on_axis == ()
+    assert half.full_section().watched_on_axis == ()
 
 
 @pytest.mark.parametrize(

@@ -67,25 +67,25 @@ def test_blocks_one_after_another_are_the_deck(data, abaqus):
 def test_blanks_case_and_quotes_do_not_count(line):
     text, card = block_of(b"** first\n" + line + b"\n0., 0.\n", "AMPLITUDE")
     assert card.line == 2
-    assert [(one.name, one.word) for one in card.options] == [
+    assert [(one.name, one.normalized) for one in card.options] == [
         ("NAME", "PRESS"),
         ("TIME", "TOTALTIME"),
     ]
     (row,) = card.rows()
-    assert (row.line, row.words) == (3, ("0.", "0."))
+    assert (row.line, row.fields) == (3, ("0.", "0."))
     assert text.data[card.start : card.head] == line.rstrip()
 
 
 def test_a_keyword_line_that_ends_in_a_comma_goes_on_as_its_solver_has_it():
     file = b"*NODE FILE,\nU\n"
     text, card = block_of(file, "NODEFILE")  # ccx takes the next line for data
-    assert [row.words for row in card.rows()] == [("U",)]
+    assert [row.fields for row in card.rows()] == [("U",)]
     text, card = block_of(file, "NODEFILE", abaqus=True)
     assert [one.name for one in card.options] == ["U"]
 
     step = b"*STEP, NLGEOM,\n  INC=7,\n** not this\nA title\n"
     text, card = block_of(step, "STEP")  # which ccx could not read as data
-    assert card.option("INC").word == "7"
+    assert card.option("INC").normalized == "7"
     assert text.data[card.start : card.head] == b"*STEP, NLGEOM,\n  INC=7,"
     assert text.data[card.option("INC").start : card.option("INC").stop] == b"INC=7"
     assert [row.line for row in card.rows()] == [4]

@@ -231,7 +231,7 @@ def test_the_noise_of_the_catalogue_has_not_changed_since_it_was_published():
     ("entry", "options", "words"),
     [
         (Noise(5, 25, 1), {"seed": -1}, "seed must be >= 0, got -1"),
-        (Sine(0.001, 0.0001), {}, "nothing is left"),
+        (Sine(0.001, 0.0001), {}, "0.5 ms"),
         *(
             (Sine(20, 250), {"preindent_um": um}, "sine_20_250: preindent_um must be")
             for um in (-1.0, float("nan"), float("inf"), 2e4)

@@ -6,6 +6,7 @@ holds what the program says against the row that names the test.
 
 import os
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -56,8 +57,6 @@ def as_in_table(request, table):
     """Check that a line is what the table says of the test that asks."""
 
     def check(line):
-        if cut := re.search(r" \(whole: (.+)\)$", line):  # a deep folder makes it long
-            line = " ".join(Path(cut[1]).read_text(encoding="utf-8").splitlines())
         place = Path(request.node.path).relative_to(ROOT / "tests").as_posix()
         asking = (request.node.name, request.function.__name__)
         names = {f"{place}::{name}" for name in asking}
@@ -84,6 +83,14 @@ def refused(capsys, as_in_table):
         return lines[-1]
 
     return run
+
+
+@pytest.fixture
+def file_size_limit():
+    """Refuse to write more than so many bytes to a file, as a full disk would."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    yield lambda most: resource.setrlimit(resource.RLIMIT_FSIZE, (most, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 def contents(folder):

@@ -1,11 +1,15 @@
 """No room: a limit of file size for us, and a file system that is really full."""
 
+import gc
 import json
-import resource
 
+import numpy as np
 import pytest
 
 from fembridge.cli import main
+from fembridge.errors import OutputError
+from fembridge.recording import FORMATS, Recording
+from fembridge.tables import SpikeTrain
 
 WORDS = ["simulate", "--stored", "--no-plot", "-o"]
 
@@ -66,19 +70,42 @@ def little_room(tmp_path):
     return mount
 
 
-def test_a_limit_of_file_size_leaves_the_earlier_results(tmp_path, files_below, capsys, refused):
+def test_a_limit_of_file_size_leaves_the_earlier_results(
+    tmp_path, files_below, capsys, refused, file_size_limit
+):
     out = tmp_path / "out"
     assert main([*WORDS, str(out), "--stimulus", "sine_20_250"]) == 0
     before = files_below(out)
     capsys.readouterr()
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
-    try:
-        refused(*WORDS, out, "--stimulus", "sine_50_250", notes=2)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
+    file_size_limit(4096)
+    refused(*WORDS, out, "--stimulus", "sine_50_250", notes=2)
     assert files_below(out) == before
+
+
+LIBRARIES = {"npz": "numpy", "mat": "scipy", "nwb": "pynwb", "neo": "neo", "sonata": "h5py"}
+
+
+@pytest.mark.parametrize("kind", LIBRARIES)
+@pytest.mark.parametrize("most_bytes", [0, 2000])
+def test_a_recording_on_a_full_disk_is_one_line_whatever_its_library_prints(
+    tmp_path, file_size_limit, capfd, as_in_table, kind, most_bytes
+):
+    pytest.importorskip(LIBRARIES[kind])
+    path = tmp_path / f"spikes{FORMATS[kind].suffix}"
+    times_ms = np.linspace(1.0, 400.0, 500)
+    trains = [SpikeTrain("sine", name, times_ms) for name in ("SA", "RA", "PC")]
+    recording = Recording.of_trains(trains, 0.5, 500.0)
+    recording.write(path)
+    before = path.read_bytes()
+    capfd.readouterr()
+    file_size_limit(most_bytes)
+    with pytest.raises(OutputError) as problem:
+        recording.write(path)
+    gc.collect()
+    assert capfd.readouterr() == ("", "")
+    as_in_table(str(problem.value))
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_full_disk_leaves_the_earlier_results_and_room_is_all_it_takes(

@@ -38,7 +38,7 @@ def test_four_verbs_without_options_are_one(here):
     again = fb.simulate(stimulus, output="out", log=lines.append)
     stored = fb.simulate(stimulus, stored=True)
     assert any("response of finger 'quick' solved in " in one for one in lines)
-    assert any("response of finger 'quick' read again: 39 increments" in one for one in lines)
+    assert any("'quick' reused: 39 increments" in one for one in lines)
     for other in (again, stored):
         pandas.testing.assert_frame_equal(other.spikes, at_once.spikes)
         pandas.testing.assert_frame_equal(other.rates, at_once.rates)

@@ -12,7 +12,7 @@ from fembridge.errors import UsageError
 from fembridge.plots.rates import placed, rates_figure
 from fembridge.plots.response import response_figure
 from fembridge.plots.style import AFFERENT_COLOURS, INK
-from fembridge.plots.trace import MOST_PANELS, trace_figure
+from fembridge.plots.trace import MAX_PANELS, trace_figure
 from fembridge.plots.waveform import scale_ticks, waveform_figure
 from fembridge.response.response_map import ResponseMap
 from fembridge.run_folder import AfferentNode
@@ -82,10 +82,10 @@ def test_traces_are_in_kpa_unless_none_reaches_one(peak_pa, unit):
     assert lower.get_xlim() == (0.0, 1.5)
 
 
-@pytest.mark.parametrize("count", [0, MOST_PANELS + 1])
+@pytest.mark.parametrize("count", [0, MAX_PANELS + 1])
 def test_no_trace_and_too_many_are_refused(count):
     trace = StressTrace(np.zeros(2), 0.5, 1)
-    with pytest.raises(UsageError, match=f"^{count} traces, expected 1 to"):
+    with pytest.raises(UsageError, match=rf"\b{count}\b.*\b{MAX_PANELS}\b"):
         trace_figure([trace] * count)
 
 
@@ -161,8 +161,8 @@ def test_what_is_beside_is_of_the_same_frequencies_and_the_legend_names_it():
     assert panels(figure)["20 Hz"].get_ylim()[1] < 40
 
 
-def test_stimuli_without_an_amplitude_are_said_and_not_drawn():
+def test_stimuli_without_an_amplitude_are_listed_and_not_drawn():
     entries, strange = placed([*OWN, Rate("my own", "SA", 1.0)])
     assert (len(entries), strange) == (4, ["my own"])
-    with pytest.raises(UsageError, match="no rate"):
+    with pytest.raises(UsageError):
         rates_figure([Rate("my own", "SA", 1.0)])

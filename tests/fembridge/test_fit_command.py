@@ -255,7 +255,7 @@ def test_a_model_of_one_class_leaves_the_others_out(call, tmp_path, undrawn):
     summary = call("--drive", "two_way", "--cells", "3")
     assert list(summary["afferents"]) == ["RA"]
     assert summary["afferents"]["RA"]["parameters"]["drive"] == "two_way"
-    assert summary["notes"][0] == "SA left out: model 'two_way' is of RA"
+    assert all(name in summary["notes"][0] for name in ("SA", "RA", "two_way"))
     found = record(tmp_path)
     assert found["RA"]["cells"] == 3
     assert "spread" in found["fit"]["RA"]["free"]
@@ -341,5 +341,5 @@ def test_each_frequency_is_predicted_by_a_fit_without_it(call, undrawn, tmp_path
 
 def test_one_frequency_cannot_be_left_out(call, tmp_path):
     write_rates(tmp_path / "one.csv", [Rate("sine_20_250", "SA", 12.0)])
-    with pytest.raises(UsageError, match="SA: rates of 20 Hz only, expected two"):
+    with pytest.raises(UsageError, match=r"SA.* 20 Hz.*--held-out"):
         call("--observed", tmp_path / "one.csv", "--held-out")

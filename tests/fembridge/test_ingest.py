@@ -4,12 +4,16 @@ import csv
 import json
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import fembridge as fb
 from fembridge.cli import main
+from fembridge.errors import ResultError
+from fembridge.run_folder import read_run_folder
 from fembridge.tables import read_traces
 
 pytestmark = pytest.mark.usefixtures("here")
@@ -63,6 +67,21 @@ def test_without_nodes_the_file_is_listed_with_a_command_that_works(here, capsys
     assert "choose with --node N or all, --set NAME or --near X,Y" in capsys.readouterr().err
 
 
+def test_a_run_without_afferents_is_listed_and_asks_for_nodes(here, run_folder, capsys):
+    """As build-deck leaves it of a model of one's own without --afferent."""
+    replace(read_run_folder(run_folder), afferents=()).write()
+    assert main(["ingest", str(run_folder)]) == 0
+    assert "--node 39" in capsys.readouterr().out
+    for option in (["--afferents"], ["-o", "a.csv"], ["--quantity", "stress"]):
+        assert main(["ingest", str(run_folder), *option]) == 2
+        assert "its run.toml has no afferents" in capsys.readouterr().err
+    assert main(["ingest", str(run_folder), "--node", "25", "-o", "a.csv"]) == 0
+    assert main(["encode", str(run_folder), "-o", "out"]) == 1
+    assert "run.toml names no afferent: choose nodes, fembridge" in capsys.readouterr().err
+    with pytest.raises(ResultError, match="names no afferent"):
+        fb.read(run_folder)
+
+
 def test_nodes_of_a_set_and_near_a_place_are_named_on_stderr(capsys):
     words = ["--set", "probes", "--across-materials", "--near", "1.5,0.3", "-o", "t.csv"]
     assert main(["ingest", ASCII, *words]) == 0
@@ -95,9 +114,9 @@ def test_a_set_needs_a_deck_and_can_name_one(here, capsys):
         ([ASCII, "--field", "DISP", "-o", "f.txt"], "expected a name in .npz or .csv"),
         ([ASCII, "--set", "PROBES", "--one-sided", "EALL"], "--one-sided is for the --node"),
         ([ASCII, "--node", "11", "--derived", "principal"], "--derived is for --vtu"),
-        ([DAT, "--resample-ms", "1"], "--resample-ms and --modes are for"),
+        ([DAT, "--resample-ms", "1"], "--resample-ms is for a table at nodes or points"),
         ([ASCII, "--node", "all", "--one-sided", "EALL"], "--one-sided takes numbers of nodes"),
-        (["--node", "1", "2", "3x", ASCII], "argument --node: invalid node value: '3x'"),
+        (["--node", "1", "2", "3x", ASCII], "argument --node: '3x', expected a whole number"),
         ([ASCII, "--node", "25", "-o", "t.parquet"], "t.parquet: a table is written as .csv"),
     ],
 )

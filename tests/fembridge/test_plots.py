@@ -16,15 +16,15 @@ from decks.stimuli import CATALOGUE, resolve
 from decks.waveform import make_stimulus
 from fembridge.plots.mesh import (
     afferent_nodes,
-    boundaries,
-    close_window,
+    boundary_edges,
     mesh_figure,
+    pad_window,
     probe_outline,
 )
 from fembridge.plots.rates import rates_figure
 from fembridge.plots.sensitivity import effects_figure, regressions_figure
 from fembridge.plots.spikes import isi_figure, psth_figure, raster_figure
-from fembridge.plots.style import spread
+from fembridge.plots.style import spread_heights
 from fembridge.plots.trace import trace_figure
 from fembridge.plots.waveform import waveform_figure
 from fembridge.sensitivity import (
@@ -64,7 +64,7 @@ def test_a_boundary_is_an_edge_between_layers_or_with_one_element():
     expected = {edge for edge, layers in found.items() if layers[0] != layers[-1]}
     expected |= {edge for edge, layers in found.items() if len(layers) == 1}
     row_of = {tuple(point): row for row, point in enumerate(mesh.node_mm.tolist())}
-    ends = boundaries(mesh)
+    ends = boundary_edges(mesh)
     drawn = [frozenset(row_of[tuple(end)] for end in pair) for pair in ends.tolist()]
     assert len(drawn) == len(expected)
     assert set(drawn) == expected
@@ -79,7 +79,7 @@ def test_the_drawn_probe_is_as_wide_as_it_is_said_to_be_and_touches(shape, diame
     body_mm = probe_outline(probe, mesh)
     assert_allclose(np.ptp(body_mm[:, 0]), diameter_mm, rtol=1e-6)
     assert_allclose(body_mm[:, 0].mean(), 0.3, atol=0.02 * diameter_mm)
-    skin_mm = np.linspace(boundaries(mesh)[:, 0], boundaries(mesh)[:, 1], 21)
+    skin_mm = np.linspace(boundary_edges(mesh)[:, 0], boundary_edges(mesh)[:, 1], 21)
     low = body_mm[body_mm[:, 1] <= body_mm[:, 1].min() + 0.1 * diameter_mm]
     gap_mm = np.linalg.norm(skin_mm.reshape(-1, 1, 2) - low, axis=-1).min()
     assert gap_mm < 0.02
@@ -127,7 +127,7 @@ def test_materials_are_named_with_the_numbers_they_have(words_of):
 @given(heights=st.lists(st.floats(-5, 5), min_size=1, max_size=6), step=st.floats(0.01, 1.5))
 def test_names_are_moved_apart_in_order_and_stay_on_the_panel(heights, step):
     wanted = sorted(heights, reverse=True)
-    placed = np.array(spread(wanted, step, -5.0, 5.0))
+    placed = np.array(spread_heights(wanted, step, -5.0, 5.0))
     assert (-np.diff(placed) >= step - 1e-9).all()
     assert placed.max() <= 5 + 1e-9
     assert placed.min() >= -5 - 1e-9
@@ -142,7 +142,7 @@ def test_names_are_moved_apart_in_order_and_stay_on_the_panel(heights, step):
 )
 def test_the_close_view_has_its_shape_and_all_that_matters_in_it(sites, x_mm, aspect):
     body_mm = np.array([[x_mm - 0.5, 0.5], [x_mm, -0.1], [x_mm + 0.5, 0.5]])
-    window = close_window(np.array(sites), body_mm, aspect)
+    window = pad_window(np.array(sites), body_mm, aspect)
     assert window.aspect == pytest.approx(aspect)
     assert np.diff(window.x_mm)[0] >= 2.0 - 1e-9
     assert window.y_mm[0] <= -2.3 + 1e-9

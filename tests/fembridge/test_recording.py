@@ -206,7 +206,7 @@ def test_what_is_no_recording_is_refused(recording, tmp_path):
     with pytest.raises(UsageError, match=r"\.nwb"):
         recording.write(tmp_path / "a.nbw")
     early = [SpikeTrain("a", "SA", np.array([-1.0, 2.0]))]
-    with pytest.raises(UsageError, match="-1 to 2 ms"):
+    with pytest.raises(UsageError, match=r"-1 .*2 "):
         fb.Recording.of_trains(early, 0.5, 10.0)
 
 

@@ -3,6 +3,7 @@
 import math
 import tomllib
 from dataclasses import replace
+from datetime import date
 
 import pytest
 import tomli_w
@@ -40,6 +41,17 @@ def test_an_own_deck_s_steps_before_the_stimulus_are_part_of_the_pre_indentation
     assert replace(whole_run(tmp_path), inputs=inputs).origin().preindent_um == 75.0
 
 
+@pytest.mark.parametrize("depth", ["75", [75.0], True])
+def test_a_depth_that_is_no_number_gives_no_origin(tmp_path, depth):
+    stimulus = {"id": "sine_50_250", "window_ms": [0.0, 250.0]}
+    for inputs in (
+        {"stimulus": stimulus, "base_deck": {"stands_um": depth}},
+        {"stimulus": {**stimulus, "preindent_um": depth}, "base_deck": {"stands_um": 3.0}},
+    ):
+        with pytest.raises(ResultError, match="expected a number"):
+            replace(whole_run(tmp_path), inputs=inputs).origin()
+
+
 def test_a_folder_without_one_is_no_run_folder(tmp_path):
     with pytest.raises(ResultError) as caught:
         read_run_folder(tmp_path)
@@ -75,6 +87,14 @@ def test_a_file_cut_before_its_inputs_is_refused(tmp_path, share):
         ("afferents.SA", 3),
         ("afferents.sa\x1b[31m", {"node": 3, "layer": "", "x_mm": 0.0, "y_mm": 0.0}),
         ("branches.x", 2),
+        ("afferents.SA.node", 10**30),
+        ("afferents.SA.x_mm", math.nan),
+        ("time.before_ms", math.nan),
+        ("inputs.probe.x_mm", math.nan),
+        ("inputs.stimulus.preindent_um", -math.inf),
+        ("inputs.finger.date", date(2026, 1, 1)),
+        ("inputs.stimulus", 3),
+        ("inputs.finger", "quick"),
     ],
 )
 def test_a_key_that_is_absent_or_holds_what_no_run_has_is_named(tmp_path, key, value):

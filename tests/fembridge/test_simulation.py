@@ -18,6 +18,7 @@ from fembridge import simulation as module
 from fembridge.errors import (
     ParameterError,
     ResponseError,
+    ResultError,
     SolverError,
     TraceError,
     UsageError,
@@ -417,3 +418,60 @@ def test_long_transients_take_a_word_before_anything_is_solved(tmp_path, model, 
     limited = SolverSettings(time_limit_s=5.0)
     check_cost(all_of_them, model, limited, lines.append, yes=False)
     assert lines[0].startswith("82 transients of ")
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ({"von_mises_pas": np.zeros(3)}, "unknown array von_mises_pas, .*mean von_mises_pa"),
+        ({"dt_ms": None}, "no array dt_ms"),
+        ({"dt_ms": np.array(np.nan)}, "dt_ms is nan"),
+        ({"dt_ms": np.array([0.5])}, r"dt_ms has shape \(1,\)"),
+        ({"stimulus": np.array(["a", "a"])}, "stimulus has names that are empty or duplicate"),
+        ({"stimulus": np.array(["a", "b"], dtype=object)}, "stimulus is of type object"),
+        ({"stimulus": np.array([1.0, 2.0])}, "stimulus is of type float64"),
+        ({"afferent": np.array(["SA"])}, r"afferent has shape \(1,\), expected \(3,\)"),
+        ({"displacement_um": np.zeros((2, 4))}, r"displacement_um has shape \(2, 4\)"),
+        ({"von_mises_pa": np.zeros((2, 3))}, r"von_mises_pa has shape \(2, 3\)"),
+        ({"von_mises_pa": np.zeros((2, 0, 3))}, r"von_mises_pa has shape \(2, 0, 3\)"),
+        (("von_mises_pa", (1, 5, 2), np.nan), "von_mises_pa of noise_25_250_20 is not finite"),
+        (("von_mises_pa", (1, 5, 2), np.inf), "von_mises_pa of noise_25_250_20 is not finite"),
+        (("von_mises_pa", (1, 5, 2), -1.0), "von_mises_pa is -1, expected 0 or more"),
+        (("displacement_um", (0, -1), np.inf), "displacement_um of sine_20_250 is not finite"),
+        (("displacement_um", (0, -1), np.nan), "von_mises_pa of sine_20_250 is not finite"),
+        (("von_mises_pa", None, complex), "von_mises_pa is of type complex128"),
+    ],
+)
+def test_arrays_of_a_simulation_that_are_damaged_are_refused_by_name(
+    simulation, tmp_path, change, problem
+):
+    simulation.write(tmp_path)
+    path = tmp_path / "traces.npz"
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    if isinstance(change, tuple):
+        name, place, value = change
+        if value is complex:
+            arrays[name] = arrays[name] * 1j
+        else:
+            arrays[name][place] = value
+    else:
+        arrays = {name: array for name, array in {**arrays, **change}.items() if array is not None}
+    np.savez(path, **arrays)
+    with pytest.raises(ResultError, match=problem):
+        stimuli_in(tmp_path)
+
+
+def test_a_simulation_that_unpacks_to_more_than_the_limits_is_refused(
+    simulation, tmp_path, monkeypatch
+):
+    simulation.write(tmp_path)
+    path = tmp_path / "traces.npz"
+    with np.load(path) as stored:
+        np.savez_compressed(path, **{**stored, "von_mises_pa": np.zeros((2, 5000, 3))})
+    with pytest.raises(ResultError, match="displacement_um has shape"):
+        stimuli_in(tmp_path)
+    simulation.write(tmp_path)
+    monkeypatch.setenv("FEMBRIDGE_MEMORY", "20K")
+    with pytest.raises(ResultError, match="FEMBRIDGE_MEMORY=8G"):
+        stimuli_in(tmp_path)

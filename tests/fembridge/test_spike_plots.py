@@ -1,5 +1,6 @@
 """Pictures of spikes, read back from the figure itself; histograms against plain loops."""
 
+import re
 import sys
 from itertools import pairwise
 
@@ -11,7 +12,7 @@ from numpy.testing import assert_allclose
 
 from fembridge.errors import UsageError
 from fembridge.plots.spikes import (
-    bins,
+    bin_edges,
     histogram,
     intervals_ms,
     isi_figure,
@@ -67,7 +68,7 @@ def test_repeats_lie_under_one_another_inside_their_row():
     )
 
 
-def test_the_time_axis_covers_every_spike_unless_it_is_said():
+def test_the_time_axis_covers_every_spike_unless_span_ms_is_set():
     trains = [timed([40.0, 180.0])]
     assert raster_figure(trains).axes[0].get_xlim() == (0.0, 180.0)
     assert raster_figure(trains, window_ms=(5, 250)).axes[0].get_xlim() == (0.0, 250.0)
@@ -94,7 +95,7 @@ def test_the_same_spikes_give_the_same_file(tmp_path, suffix):
 
 
 def test_nothing_to_draw_is_refused():
-    with pytest.raises(UsageError, match="no stimulus or no class to draw"):
+    with pytest.raises(UsageError):
         raster_figure([])
 
 
@@ -111,7 +112,7 @@ def test_drawing_leaves_pyplot_and_its_global_state_alone(tmp_path, monkeypatch)
 )
 def test_a_spike_is_in_the_bin_that_its_step_is_in(steps, width, dt_ms):
     """In whole steps no rounding decides; times are their products, which are rounded."""
-    edges_ms = bins(500 * dt_ms, width * dt_ms)
+    edges_ms = bin_edges(500 * dt_ms, width * dt_ms)
     expected = [0] * (edges_ms.size - 1)
     for step in steps:
         expected[min(step // width, len(expected) - 1)] += 1
@@ -122,9 +123,9 @@ def test_a_spike_is_in_the_bin_that_its_step_is_in(steps, width, dt_ms):
 
 def test_a_rate_is_the_mean_over_all_cells_the_silent_one_too():
     trains = [timed([1, 2, 12], 1), timed([11], 2), timed([], 3), timed([1], 1, afferent="PC")]
-    rate_ips = psth(trains, "sine_20_250", "SA", bins(20.0, 10.0))
+    rate_ips = psth(trains, "sine_20_250", "SA", bin_edges(20.0, 10.0))
     assert_allclose(rate_ips, [2 / 3 / 0.010, 2 / 3 / 0.010], rtol=1e-12)
-    assert psth(trains, "sine_20_250", "RA", bins(20.0, 10.0)).tolist() == [0.0, 0.0]
+    assert psth(trains, "sine_20_250", "RA", bin_edges(20.0, 10.0)).tolist() == [0.0, 0.0]
 
 
 def test_intervals_are_within_a_cell_and_never_between_two():
@@ -142,7 +143,7 @@ def heights(panel):
     return tops
 
 
-def test_rows_of_a_class_share_a_scale_that_stands_below_its_name():
+def test_rows_of_a_class_share_a_scale_that_is_printed_below_its_name():
     trains = [timed([1, 2, 3, 4]), timed([6, 8], stimulus="weak"), timed([1], afferent="PC")]
     sa, pc = psth_figure(trains, bin_ms=5.0).axes
     strong, weak = heights(sa)
@@ -175,5 +176,5 @@ def test_shares_are_of_all_intervals_also_of_those_beyond_the_axis():
 @pytest.mark.parametrize("bin_ms", [0.0, -1.0, float("nan"), float("inf"), 1e-9])
 def test_bins_that_are_none_or_too_many_are_misuse(bin_ms):
     for draw in (psth_figure, isi_figure):
-        with pytest.raises(UsageError, match="expected"):
+        with pytest.raises(UsageError, match=re.escape(f"{bin_ms:g} ms")):
             draw([timed([1, 200])], bin_ms=bin_ms)

@@ -86,7 +86,7 @@ def test_it_refuses_a_stranger_that_was_imported_before(tmp_path):
 
 def test_a_half_installed_package_says_what_is_missing(tmp_path):
     (tmp_path / "fembridge").mkdir()
-    for name in ("__init__.py", "version.py"):
+    for name in ("__init__.py", "interrupt.py", "version.py"):
         shutil.copy(ROOT / "fembridge" / name, tmp_path / "fembridge")
     code = (
         f"import sys; sys.path = [p for p in sys.path if p != {str(ROOT)!r}]; "

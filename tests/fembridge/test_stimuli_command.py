@@ -123,10 +123,13 @@ def test_preindentation_and_seed_reach_the_file_and_the_summary(tmp_path, capsys
         (["--export", "csv", "sine_20_25o"], "did you mean"),
         (["sine_20", "-o", "x"], "--output is for --export"),
         (["--seed", "1"], "--seed is for --export"),
-        (["--export", "csv", "sine_20_250", "--seed", "1"], "no noise was named"),
-        (["--export", "csv", "sine_20_250", "--dt-ms", "3"], "--dt-ms (dt_ms=) is for"),
+        (["--export", "csv", "sine_20_250", "--seed", "1"], "--seed (seed=) is for noise"),
+        (["--export", "csv", "sine_20_250", "--dt-ms", "3"], "--dt-ms is for a waveform in .npy"),
         (["--export", "wav", "sine_20_250", "--full-scale-um", "3"], "a waveform in .wav"),
-        (["--export", "csv", "sine_20_250", "--preindent-um", "nan"], "got nan"),
+        (
+            ["--export", "csv", "sine_20_250", "--preindent-um", "nan"],
+            "'nan', expected a number from 0",
+        ),
     ],
 )
 def test_misuse_is_2_and_writes_nothing(refused, words, shown):

@@ -4,6 +4,7 @@ import json
 import struct
 import tomllib
 import wave
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -251,6 +252,18 @@ def test_a_long_waveform_is_bounded(tmp_path):
     assert read_stimulus(path, dt_ms=0.5).displacement_um.size == MAX_SAMPLES
     with pytest.raises(StimulusError, match="expected at most 100000 ms"):
         read_stimulus(path, dt_ms=0.6)
+
+
+def test_a_depth_before_time_0_that_no_waveform_takes_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("deep.csv").write_text("time_ms,displacement_um\n0,30\n10,80\n20,30\n", encoding="utf-8")
+    for make in (
+        lambda depth_um: fb.simulate("deep.csv", stored=True, preindent_um=depth_um),
+        lambda depth_um: fb.build_deck("deep.csv", "runs", preindent_um=depth_um),
+    ):
+        with pytest.raises(UsageError, match="deep holds its own depth before time 0, 30 um"):
+            make(75.0)
+        make(30.0)
 
 
 def chunk(name, content):

@@ -7,6 +7,7 @@ import os
 import stat
 import subprocess
 import sys
+import tempfile
 import tracemalloc
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -29,6 +30,7 @@ from fembridge.store import (
     replacing,
     structure,
     unstructure,
+    working_folder,
     write_text,
 )
 
@@ -402,3 +404,30 @@ def test_a_toml_that_would_fill_the_memory_is_refused_before_it_is_parsed(tmp_pa
 def test_dots_in_words_and_numbers_are_no_deep_key(file):
     path = file("run.toml", 'a.b.c.d.e.f.g.h = "x.1.2.3 a/b.c/d"\nn = [1.5, 2.5]\n')
     assert read_toml(path, FembridgeError)["n"] == [1.5, 2.5]
+
+
+def test_a_folder_made_for_work_goes_with_it_where_nothing_was_written(tmp_path):
+    folder = tmp_path / "new" / "folder"
+    with pytest.raises(ValueError, match="no"), working_folder(folder) as draft:
+        (draft / "a.txt").touch()
+        raise ValueError("no")
+    assert not list(tmp_path.iterdir())
+    with working_folder(folder):
+        write_text(folder / "a.txt", "kept")
+    assert [path.name for path in folder.iterdir()] == ["a.txt"]
+
+
+def test_a_folder_that_another_removes_before_the_draft_is_in_it_is_made_again(
+    tmp_path, monkeypatch
+):
+    folder, make = tmp_path / "new", tempfile.mkdtemp
+    removals = iter([True, True, False])
+
+    def removed_first(**options):
+        if next(removals):
+            folder.rmdir()
+        return make(**options)
+
+    monkeypatch.setattr(tempfile, "mkdtemp", removed_first)
+    with working_folder(folder) as draft:
+        assert draft.parent == folder

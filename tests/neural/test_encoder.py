@@ -157,7 +157,7 @@ def test_parts_of_a_trace_fire_as_the_whole(row, derivative, refractory_ms, monk
     monkeypatch.setattr(encoder, "_ROWS", 1)
     monkeypatch.setattr(encoder, "_MEMBRANES", 4)
     for few in (0, 20):
-        monkeypatch.setattr(lif, "_FEW", few)
+        monkeypatch.setattr(lif, "_MAX_ONE_BY_ONE", few)
         assert fired() == whole
 
 
@@ -220,6 +220,28 @@ def test_trials_are_alike_without_noise_and_repeat_with_their_seed():
         noisy(1).time_ms.size != noisy(2).time_ms.size
         or (noisy(1).time_ms != noisy(2).time_ms).any()
     )
+
+
+@pytest.mark.parametrize("name", ["published", "fitted", "fitted_pad"])
+@pytest.mark.parametrize("units", [3, 30])
+def test_units_in_parts_of_the_time_fire_as_in_one(monkeypatch, name, units):
+    """Recursive filters go on from part to part; few columns and many go different ways."""
+    chosen = parameter_set(name).parameters
+    rng = np.random.default_rng(1)
+    wave = np.cumsum(rng.normal(size=(900, units)), axis=0)
+    stress = 2e3 * np.abs(wave)
+    names = (["SA", "RA", "PC"] * units)[:units]
+    trials = {"trials": 2, "noise_mv": 0.4}
+
+    def fired():
+        return encode_units(stress, names, 0.5, chosen, rng=np.random.default_rng(2), **trials)
+
+    whole = fired()
+    monkeypatch.setattr("neural.encoder._UNIT_NUMBERS", 2_000)
+    parts = fired()
+    assert whole.time_ms.size > 20
+    np.testing.assert_array_equal(parts.time_ms, whole.time_ms)
+    np.testing.assert_array_equal(parts.unit, whole.unit)
 
 
 def test_noise_has_the_size_that_it_says():

@@ -61,7 +61,7 @@ def plain_run(
 
 
 def membrane(tau_ms, dt_ms=DT_MS, gap_mv=GAP_MV, **others):
-    return Membrane.of(dt_ms, tau_ms=tau_ms, gap_mv=gap_mv, **others)
+    return Membrane.from_times(dt_ms, tau_ms=tau_ms, gap_mv=gap_mv, **others)
 
 
 def fired_rows(current, tau_ms, **others):
@@ -126,7 +126,7 @@ def test_all_membranes_together_fire_as_plain_loops(few, seed, rows, count, adap
     }
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(lif, "_FEW", few)
+        patch.setattr(lif, "_MAX_ONE_BY_ONE", few)
         fired, membranes = fire(current, membrane(**values))
 
     assert (np.diff(membranes) >= 0).all()
@@ -227,7 +227,7 @@ def test_membranes_that_are_left_out_would_not_have_fired(kernel, seed, scale):
 
 
 def test_part_of_a_refractory_step_is_a_step():
-    some = Membrane.of(0.1, tau_ms=1.0, gap_mv=1.0, refractory_ms=[0.0, 0.3, 0.31])
+    some = Membrane.from_times(0.1, tau_ms=1.0, gap_mv=1.0, refractory_ms=[0.0, 0.3, 0.31])
     assert some.refractory.tolist() == [0, 3, 4]
 
 

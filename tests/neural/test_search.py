@@ -69,7 +69,7 @@ def test_who_watches_does_not_change_what_is_found(front):
 
     np.testing.assert_array_equal(watched.candidates, front.candidates)
     assert [each.evaluations for each in seen] == [24, 48, 72, 96, 120]
-    assert {each.of for each in seen} == {120}
+    assert {each.total_evaluations for each in seen} == {120}
     assert all(1 <= each.front_size <= 24 for each in seen)
     least = [each.least_rmse_ips for each in seen]
     found = total_rmse_ips(PROBLEM, front.errors_ips2).min()

@@ -58,16 +58,16 @@ def test_a_deck_of_mixed_elements_has_a_pressure_node_each():
     assert len(np.unique(pressure)) == 2461
     assert not np.isin(pressure, PFL.coordinates.number).any()
     assert np.isin(elements.node[:, :4], PFL.coordinates.number).all()
-    assert_array_equal(PFL.coordinates.of(3), [25.0, 25.0, 0.0])
-    assert PFL.coordinates.of(2591) is None
+    assert_array_equal(PFL.coordinates.position_of(3), [25.0, 25.0, 0.0])
+    assert PFL.coordinates.position_of(2591) is None
 
 
 def test_a_real_deck_has_conditions_load_cases_and_tables():
     found = {each.name: each for each in PFL.conditions()}
     first, load = found["apply1"], found["apply3"]
-    assert (first.family, first.where) == ("fixed disp", "apply1_nodes")
+    assert (first.family, first.set_name) == ("fixed disp", "apply1_nodes")
     assert first.drives == ((0.0, 0, 1), (0.0, 0, 2))
-    assert (load.family, load.where) == ("dist loads", "apply3_edges")
+    assert (load.family, load.set_name) == ("dist loads", "apply3_edges")
     assert load.drives == ((0.025, 1, 0),)
     (adaptive,) = PFL.load_cases()
     assert (adaptive.name, adaptive.active) == ("lcase1", ("apply1", "apply2", "apply3"))

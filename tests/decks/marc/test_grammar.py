@@ -137,7 +137,7 @@ def test_a_condition_may_be_called_like_a_keyword(name):
         *(f"{1:10d}", name),
     ]
     deck = read_marc_deck(with_model(*lines))
-    assert deck.conditions()[-1].where == name
+    assert deck.conditions()[-1].set_name == name
     (_, mine) = deck.find("loadcase", Section.MODEL)
     assert [line.text for line in mine.data] == [f"{1:10d}", name]
 

@@ -148,7 +148,7 @@ def test_the_waveform_begins_where_the_steps_before_leave_the_probe(first, stand
     )
     deck = two_steps(first, curve + curves)
     if stands_mm is None:
-        with pytest.raises(DeckError, match=r"^line \d+: .*(stands|velocity|displacement)"):
+        with pytest.raises(DeckError, match=r"^line \d+: .*(PROBE|VELOCITY|displacement)"):
             rebase(deck, amplitude="A")
         return
     rebased = rebase(deck, amplitude="A")

@@ -1,4 +1,4 @@
-"""The closed forms that studies are held against, and limits of series, by what they must be."""
+"""Closed forms of the studies against their defining equations; limits of series."""
 
 import math
 
@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose
 from decks.finger import Material
 from fembridge.report.hertz import E_STAR_MPA, MATERIAL, RADIUS_MM, Hertz, cylinder_on_block
 from fembridge.report.plane import (
+    INNER_DISPLACEMENT_MM,
     INNER_MM,
-    MOVED_MM,
     NEO_HOOKEAN,
     OUTER_MM,
     ring_problem,
@@ -27,7 +27,7 @@ materials = st.builds(Material, st.floats(0.01, 10), st.floats(0, 0.499))
 
 
 @given(force=forces)
-def test_the_pressure_of_hertz_adds_up_to_the_force(force):
+def test_the_pressure_of_hertz_integrates_to_the_force(force):
     form = Hertz(force)
     angle = np.linspace(-np.pi / 2, np.pi / 2, 20_001)
     x_mm = form.half_width_mm * np.sin(angle)
@@ -38,8 +38,8 @@ def test_the_pressure_of_hertz_adds_up_to_the_force(force):
 
 
 @given(force=forces)
-def test_below_the_surface_stress_starts_at_the_pressure_and_dies_out(force):
-    """At depth 0 both are -p0; far below it is a line load's 2P/(pi z), along."""
+def test_stress_on_the_axis_starts_at_the_pressure_and_decays(force):
+    """At depth 0 both are -p0; far below, stress along is that of a line load, 2P/(pi z)."""
     form = Hertz(force)
     far_mm = 200 * form.half_width_mm
     top, far = form.axis_mpa(np.array([0.0, far_mm]))
@@ -49,7 +49,7 @@ def test_below_the_surface_stress_starts_at_the_pressure_and_dies_out(force):
     assert abs(far[0]) < 1e-4 * abs(far[1])
 
 
-def test_the_largest_shear_lies_where_johnson_has_it():
+def test_the_largest_shear_is_where_johnson_reports_it():
     """0.300 p0 at 0.786 a."""
     form = Hertz(1.0)
     depth_mm = form.half_width_mm * np.linspace(0, 2, 2001)
@@ -60,18 +60,18 @@ def test_the_largest_shear_lies_where_johnson_has_it():
 
 
 @pytest.mark.parametrize("halvings", [0, 1])
-def test_each_mesh_of_the_block_has_the_nodes_of_the_one_before(halvings):
+def test_each_mesh_of_the_block_has_the_nodes_of_the_coarser_mesh(halvings):
     coarse, fine = (cylinder_on_block(k)[0].mesh for k in (halvings, halvings + 1))
     assert len(fine.quad) == 4 * len(coarse.quad)
-    held = set(map(tuple, fine.node_mm.tolist()))
-    assert all(tuple(node) in held for node in coarse.node_mm.tolist())
+    fine_nodes = set(map(tuple, fine.node_mm.tolist()))
+    assert all(tuple(node) in fine_nodes for node in coarse.node_mm.tolist())
 
 
 @given(angle=st.floats(-3, 3), material=materials, law=st.sampled_from(["linear", NEO_HOOKEAN]))
-def test_a_turn_carries_no_stress(angle, material, law):
+def test_a_rotation_causes_no_stress(angle, material, law):
     cos, sin = np.cos(angle), np.sin(angle)
-    turn = np.array([[cos - 1, -sin], [sin, cos - 1]])
-    stress = uniform_stress_mpa(turn, material, law, large_strain=True)
+    rotation = np.array([[cos - 1, -sin], [sin, cos - 1]])
+    stress = uniform_stress_mpa(rotation, material, law, large_strain=True)
     assert_allclose(stress, 0, atol=1e-9 * material.young_mpa)
 
 
@@ -80,7 +80,7 @@ def test_a_turn_carries_no_stress(angle, material, law):
     material=materials,
     law=st.sampled_from(["linear", NEO_HOOKEAN]),
 )
-def test_for_little_strain_both_laws_are_hookes(parts, material, law):
+def test_at_small_strain_both_laws_are_hooke_s(parts, material, law):
     gradient = 1e-7 * np.array(parts).reshape(2, 2)
     large = uniform_stress_mpa(gradient, material, law, large_strain=True)
     small = uniform_stress_mpa(gradient, material, law, large_strain=False)
@@ -101,10 +101,10 @@ def test_the_ring_is_in_equilibrium_and_free_outside(material):
 
 @given(material=materials)
 def test_the_rings_strain_moves_its_inner_side_as_prescribed(material):
-    """Hooke backwards: the tangential strain is displacement over radius."""
+    """By Hooke's law: the tangential strain is displacement over radius."""
     radial, tangential, axial = ring_stress_mpa(np.array([INNER_MM]), material)[0]
     strain = tangential - material.poisson * (radial + axial)
-    assert_allclose(strain / material.young_mpa * INNER_MM, MOVED_MM, rtol=1e-9)
+    assert_allclose(strain / material.young_mpa * INNER_MM, INNER_DISPLACEMENT_MM, rtol=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["CPE4", "CPE8R"])
@@ -116,25 +116,27 @@ def test_the_mesh_of_the_ring_has_its_sides_on_the_circles_and_cuts(kind):
     assert (doubled > 0).all()
     assert len(problem.element) == 4 * 8
     inner = np.isclose(np.linalg.norm(problem.node_mm, axis=1), INNER_MM)
-    whole = ~np.isnan(problem.moved_mm).any(axis=1)
-    inner_mm = problem.moved_mm[whole & np.isin(problem.moved, np.flatnonzero(inner))]
+    both_directions = ~np.isnan(problem.moved_mm).any(axis=1)
+    inner_mm = problem.moved_mm[both_directions & np.isin(problem.moved, np.flatnonzero(inner))]
     assert len(inner_mm) == 9
-    assert_allclose(np.linalg.norm(inner_mm, axis=1), abs(MOVED_MM), rtol=1e-12)
-    if kind == "CPE8R":  # mid-sides lie in the middle
+    assert_allclose(np.linalg.norm(inner_mm, axis=1), abs(INNER_DISPLACEMENT_MM), rtol=1e-12)
+    if kind == "CPE8R":  # mid-side nodes are in the middle
         middles = problem.node_mm[problem.element[:, 4:]]
         expected = 0.5 * (corners + np.roll(corners, -1, axis=1))
         assert_allclose(middles, expected, atol=1e-12)
 
 
 @given(order=st.floats(0.5, 4), factor=st.floats(0.01, 5), limit=st.floats(1, 20))
-def test_a_power_law_is_found_and_its_index_is_a_quarter_more_than_the_error(order, factor, limit):
+def test_the_limit_and_order_of_a_power_law_and_an_index_of_1_25_times_the_error(
+    order, factor, limit
+):
     value = limit + factor * WIDTH**order
-    found = extrapolated(WIDTH, value)
-    assert_allclose(found[:2], [limit, order], rtol=1e-4)
-    assert_allclose(found[2], 1.25 * 100 * (value[-1] - limit) / value[-1], rtol=1e-3)
+    limit_found, order_found, index_percent = extrapolated(WIDTH, value)
+    assert_allclose([limit_found, order_found], [limit, order], rtol=1e-4)
+    assert_allclose(index_percent, 1.25 * 100 * (value[-1] - limit) / value[-1], rtol=1e-3)
 
 
-def test_a_series_that_scatters_has_no_limit_and_its_spread_for_an_uncertainty():
+def test_a_series_that_scatters_has_no_limit_and_its_spread_as_uncertainty():
     limit, order, spread_percent = extrapolated(WIDTH, np.array([9.0, 10.0, 12.0, 11.0]))
     assert math.isnan(limit) and math.isnan(order)
     assert_allclose(spread_percent, 100 * (12 - 10) / 11)

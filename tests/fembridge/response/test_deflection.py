@@ -19,17 +19,17 @@ from fembridge.response.deflection import (
     PAPER_STEP_MM,
     PROFILE_FILE,
     Deflection,
-    both_sides,
-    build_press,
+    build_press_folder,
     convergence,
+    fold_sides,
     press_of,
+    press_problem,
+    press_stimulus,
     read_profile,
     richardson,
     solve_deflection,
     stored_deflection,
     stored_deflections,
-    way_down,
-    why_not,
     write_profile,
 )
 from fembridge.solver.settings import SolverSettings
@@ -55,7 +55,7 @@ def profile(**changes):
 
 @pytest.mark.parametrize("distance_mm", [-0.01, 6.01, [0.0, 7.0], np.nan])
 def test_beyond_its_ends_nothing_is_known(distance_mm):
-    with pytest.raises(ResponseError, match="the profile has 0 to 6 mm"):
+    with pytest.raises(ResponseError, match=" 6 mm"):
         profile().at(np.array(distance_mm))
 
 
@@ -134,12 +134,12 @@ FORCE = np.linspace(0.0, 0.035, 41) ** 1.1
         (0.0, FORCE, "moved 0 mm"),
         (1.03, FORCE, "moved 1.03 mm"),
         (np.nan, FORCE, "moved nan mm"),
-        (0.999, np.where(np.arange(41) == 30, 0.0, FORCE), "fell by"),
+        (0.999, np.where(np.arange(41) == 30, 0.0, FORCE), "0.0176"),
     ],
 )
 def test_a_run_in_which_the_probe_did_not_push_is_refused(apex_mm, force, found):
-    assert found in why_not(1.0, apex_mm, force)
-    assert why_not(1.0, 0.999, FORCE) is None
+    assert found in press_problem(1.0, apex_mm, force)
+    assert press_problem(1.0, 0.999, FORCE) is None
 
 
 @given(
@@ -151,7 +151,7 @@ def test_folding_gives_the_even_part_and_tells_the_odd_part(x_mm, slope):
     right_mm = np.sort(x_mm)
     all_mm = np.concatenate([-right_mm[::-1], [0.0], right_mm])
     down_mm = np.cos(all_mm / 8) + slope * all_mm
-    distance_mm, mean_mm, unlike_mm = both_sides(all_mm, down_mm)
+    distance_mm, mean_mm, unlike_mm = fold_sides(all_mm, down_mm)
     assert_allclose(distance_mm, [0.0, *right_mm])
     assert_allclose(mean_mm, np.cos(distance_mm / 8), atol=1e-12)
     assert_allclose(unlike_mm, 2 * abs(slope) * right_mm[-1], rtol=1e-9, atol=1e-12)
@@ -165,7 +165,7 @@ def deflection(request):
 @pytest.mark.parametrize("finger", [QUICK, PAPER], ids=lambda finger: finger.name)
 def test_those_of_the_presets_were_solved_on_the_meshes_that_we_ship(finger, tmp_path):
     found, press = STORED[finger.name], press_of(finger)
-    run = build_press(tmp_path, press, way_down())
+    run = build_press_folder(tmp_path, press, press_stimulus())
     assert found.elements == len(press.mesh.quad)
     for part, made_of in {**run.inputs, "deck_sha256": run.deck_sha256}.items():
         assert found.origin[part] == made_of, part
@@ -174,7 +174,7 @@ def test_those_of_the_presets_were_solved_on_the_meshes_that_we_ship(finger, tmp
 def test_the_skin_follows_the_probe_to_a_millimetre_and_the_force_grows(deflection):
     """Figure 2c: "the maximum skin surface deflection was approximately 1 mm"."""
     forces = deflection.loading_n_per_mm
-    assert why_not(1.0, float(deflection.at(0.0)), forces) is None
+    assert press_problem(1.0, float(deflection.at(0.0)), forces) is None
     assert_allclose(deflection.at(0.0), 1.0, atol=0.002)
     assert (np.diff(forces) > 0).all()
     assert deflection.deflection_mm.max() == deflection.deflection_mm[0]
@@ -294,7 +294,7 @@ def test_on_the_mesh_as_it_is_stored_the_probe_slips_and_the_run_is_refused(tmp_
     """CalculiX ends well there: at 1 mm, with no force and the skin at rest."""
     press = press_of(QUICK, mesh_of(QUICK))
     write_profile(tmp_path / PROFILE_FILE, stored_deflection("quick"))  # of before
-    with pytest.raises(ResponseError, match="slipped between its nodes"):
+    with pytest.raises(ResponseError, match=r"0\.95 to 1\.01"):
         solve_deflection(tmp_path, press, settings=SolverSettings(threads=1))
     assert (tmp_path / "solver.toml").is_file()
     assert not (tmp_path / PROFILE_FILE).exists()

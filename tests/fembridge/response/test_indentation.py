@@ -70,14 +70,11 @@ def test_the_closure_is_the_one_worst_sample_of_all(percent, row, column):
 @pytest.mark.parametrize(
     ("changes", "shown"),
     [
-        ({"apex_um": 0.49 * DEPTH_UM}, "the skin moved 196 um"),
-        ({"force_n_per_mm": -1e-4 * DEPTH_UM}, "the force is -0.04 N/mm"),
-        ({"force_n_per_mm": np.nan * DEPTH_UM}, "the force is nan N/mm"),
-        ({"apex_um": np.nan * DEPTH_UM}, "the skin moved nan um"),
-        (
-            {"stress_pa": stress_at(DEPTH_UM) * [1, 0]},
-            "an afferent feels nothing: its stress at 400 um is 0",
-        ),
+        ({"apex_um": 0.49 * DEPTH_UM}, "196 um"),
+        ({"force_n_per_mm": -1e-4 * DEPTH_UM}, "-0.04 N/mm"),
+        ({"force_n_per_mm": np.nan * DEPTH_UM}, "nan N/mm"),
+        ({"apex_um": np.nan * DEPTH_UM}, "nan um"),
+        ({"stress_pa": stress_at(DEPTH_UM) * [1, 0]}, "400 um"),
     ],
 )
 def test_a_run_in_which_nothing_was_pushed_or_felt_is_refused(changes, shown):
@@ -176,8 +173,8 @@ def deepest_row(folder):
 @pytest.mark.parametrize(
     ("factor", "error", "found"),
     [
-        (1.03, ResponseError, r"unloading differs from loading by 2\."),
-        (np.nan, ResultError, "stress, displacement or force is not finite"),
+        (1.03, HysteresisError, r"2\.\d* %"),
+        (np.nan, ResultError, "job.frd"),
     ],
 )
 def test_a_run_whose_unloading_was_tampered_with_is_refused(folder, factor, error, found):
@@ -194,7 +191,7 @@ def test_a_probe_that_the_skin_did_not_follow_is_refused(folder):
     run = read_run_folder(folder)
     _, moved_mm = read_values(run.results, [run.apex_node], quantity="displacement")
     scale(folder / "job.frd", moved_mm[deepest_row(folder), 0, 1], 0.4)
-    with pytest.raises(ResponseError, match="the probe did not push: at 400 um the"):
+    with pytest.raises(ResponseError, match="400 um"):
         recorded_response(folder)
 
 
@@ -205,7 +202,7 @@ def test_a_waveform_of_other_times_is_refused(folder):
         *(f"{10 * float(a)},{b}" for a, b in (line.split(",") for line in lines[1:])),
     ]
     (folder / "stimulus.csv").write_text("\n".join(moved) + "\n")
-    with pytest.raises(ResultError, match=r"increment 1 is at 0\.0005 s, expected 0\.005"):
+    with pytest.raises(ResultError, match=r"0\.0005 s.*0\.005 s"):
         recorded_response(folder)
 
 

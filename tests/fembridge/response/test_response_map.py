@@ -103,7 +103,8 @@ def test_a_component_is_the_pchip_of_its_own_levels(made_map, depth_um):
 def test_a_stimulus_that_goes_too_deep_is_refused_with_both_depths(made_map, depth_um):
     with pytest.raises(ResponseError) as caught:
         made_map().traces(stimulus_of([0.0, depth_um, 0.0]))
-    assert str(caught.value) == (f"mine goes {depth_um:g} um deep, the response map reaches 300 um")
+    for shown in ("mine", f"{depth_um:g} um", "300 um"):
+        assert shown in str(caught.value)
 
 
 BAD = [
@@ -143,7 +144,7 @@ def test_an_energy_takes_poisson_s_ratio_of_the_layer_of_its_afferent():
 )
 def test_an_energy_without_its_material_is_refused_and_a_plain_stress_is_not(origin):
     bare = replace(RESPONSE, origin=origin)
-    with pytest.raises(ResponseError, match="Poisson's ratio of epidermis, in which SA"):
+    with pytest.raises(ResponseError, match=r"epidermis.*SA"):
         bare.traces(STIMULUS, ENERGY)
     assert len(bare.traces(STIMULUS, PUBLISHED)) == 3
 
@@ -151,26 +152,27 @@ def test_an_energy_without_its_material_is_refused_and_a_plain_stress_is_not(ori
 @pytest.mark.parametrize(
     ("finger", "probe", "element", "shown"),
     [
-        (QUICK, Probe(diameter_mm=2.0), "CPE4", "diameter_mm 1.0, asked for is 2.0"),
-        (QUICK, Probe("flat"), "CPE4", "shape 'cylinder', asked for is 'flat'"),
-        (QUICK, Probe(), "CPE8R", "has 'CPE4', asked for is 'CPE8R'"),
+        (QUICK, Probe(diameter_mm=2.0), "CPE4", ("probe", "diameter_mm", "1.0", "2.0")),
+        (QUICK, Probe("flat"), "CPE4", ("probe", "shape", "'cylinder'", "'flat'")),
+        (QUICK, Probe(), "CPE8R", ("element", "'CPE4'", "'CPE8R'")),
         (
             finger_from({"afferents": {"SA": {"depth_mm": 0.61}}}, "quick"),
             Probe(),
             "CPE4",
-            "asked for is 0.61",
+            ("finger", "afferents.SA.depth_mm", "0.61"),
         ),
     ],
 )
 def test_anything_else_is_refused_and_the_difference_named(finger, probe, element, shown):
-    with pytest.raises(ResponseError, match="no response is stored for this") as caught:
+    with pytest.raises(ResponseError) as caught:
         stored_response(finger, probe, element)
-    assert shown in str(caught.value)
+    for name_or_value in shown:
+        assert name_or_value in str(caught.value)
 
 
 def test_a_finger_of_another_name_gets_the_names_of_those_that_are():
     other = dataclasses.replace(QUICK, name="mine")
-    with pytest.raises(ResponseError, match="finger 'mine', only for paper, quick"):
+    with pytest.raises(ResponseError, match=r"'mine'.*paper, quick"):
         stored_response(other, Probe(), "CPE4")
 
 
@@ -208,26 +210,53 @@ def test_a_file_cut_anywhere_is_refused(path, share):
         read_map(path)
 
 
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("depth_um", [0.0, 1.0]),
-        ("depth_um", [0.0, 1.0, "deep"]),
-        ("afferents", 5),
-        ("origin", None),
-    ],
-)
-def test_a_sealed_file_that_holds_no_map_is_refused(path, key, value):
-    """With a checksum that fits, as a program of ill will could write."""
-    table = tomllib.loads(path.read_text(encoding="utf-8"))
-    if value is None:
-        del table[key]
-    else:
-        table[key] = value
-    del table["sha256"]
-    body = tomli_w.dumps(table)
+def resealed(path, table):
+    """Write `table` with a checksum that fits, as a program of ill will could."""
+    body = tomli_w.dumps({key: value for key, value in table.items() if key != "sha256"})
     digest = hashlib.sha256(body.encode()).hexdigest()
     path.write_text(f'sha256 = "{digest}"\n{body}', encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("keys", "value"),
+    [
+        (["depth_um"], [0.0, 1.0]),
+        (["depth_um"], [0.0, 1.0, "deep"]),
+        (["depth_um", 1], 10**400),
+        (["depth_um", 1], True),
+        (["depth_um", 1], "2"),
+        (["force_n_per_mm", 1], float("nan")),
+        (["force_n_per_mm", 1], "1_0"),
+        (["afferents"], 5),
+        (["afferents"], {}),
+        (["afferents", "SA"], 5),
+        (["afferents", "SA", "xx_pa"], [1.0]),
+        (["afferents", "SA", "xx_pa", 2], float("inf")),
+        (["afferents", "SA", "xx_pa", 2], 10**400),
+        (["afferents", "SA", "xx_pa", 2], "1_0"),
+        (["afferents", "SA", "xx_pas"], [1.0]),
+        (["afferents", "SA", "node"], 0),
+        (["afferents", "SA", "node"], 1.5),
+        (["afferents", "SA", "node"], None),
+        (["afferents", "SA", "x_mm"], float("nan")),
+        (["afferents", "SA", "x_mm"], None),
+        (["closure_percent"], "0"),
+        (["closure_percents"], 0.0),
+        (["origin"], 1),
+        (["origin"], None),
+    ],
+)
+def test_a_sealed_file_that_holds_no_map_is_refused(path, keys, value):
+    table = tomllib.loads(path.read_text(encoding="utf-8"))
+    *parents, last = keys
+    inner = table
+    for key in parents:
+        inner = inner[key]
+    if value is None:
+        del inner[last]
+    else:
+        inner[last] = value
+    resealed(path, table)
     with pytest.raises(ResponseError, match=f"^{path}: "):
         read_map(path)
 

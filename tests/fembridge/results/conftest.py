@@ -30,8 +30,13 @@ class Block:
 SQUARE = ((9, 1, (1, 2, 3, 4)),)
 
 
-def frd_bytes(blocks, nodes=(1, 2, 3, 4), elements=SQUARE, mesh_flag=1, line_end="\n"):
-    """Write a file; an element is (type, material, nodes)."""
+def frd_bytes(blocks, nodes=None, elements=SQUARE, mesh_flag=1, line_end="\n"):
+    """Write a file; an element is (type, material, nodes).
+
+    Without `nodes` the mesh has those of the square and of the blocks.
+    """
+    if nodes is None:
+        nodes = sorted({1, 2, 3, 4, *(node for block in blocks for node, _ in block.records)})
     binary = mesh_flag >= 2
     out = [b"    1C\n    1UPGM               CalculiX\n    1UMAT    1EPI\n    1UMAT    2DER\n"]
     out.append(_mesh_line("    2C", len(nodes), 3 if binary else 1))

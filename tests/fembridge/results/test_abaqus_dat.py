@@ -151,7 +151,10 @@ def test_integration_points_with_footnotes_wrapped_names_and_zeros(dat):
     assert points.tolist() == [[13, 1], [13, 2]]
     assert tensor_pa[:, 0].tolist() == [[0] * 6, [0] * 6, [1e6, 2e6, 3e6, 5e5, 0, 0]]
     assert tensor_pa[1:, 1].tolist() == [[2e6, 4e6, 6e6, 1e6, 0, 0]] * 2
-    assert said == ["rows that tables lack are 0: Abaqus prints no row of zeros"]
+    assert said == [
+        "3 rows that tables lack are 0, the first at 500 ms, element 13, point 1: Abaqus prints no "
+        "row of zeros"
+    ]
     assert read_point_history(dat(*parts), [(13, 2)]).nodes == (1302,)
     mises = next(dat_sections(dat(*parts), lambda name, _: "mises" in name, ReadOptions()))
     assert (mises.set_name, mises.columns) == ("A-VERY-LONG-NAME", ("MISES",))

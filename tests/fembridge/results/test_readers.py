@@ -293,7 +293,7 @@ def test_a_packed_file_is_read_as_what_is_in_it(samples, file, name):
 
 
 def test_a_bomb_is_unpacked_up_to_a_bound(file, monkeypatch):
-    monkeypatch.setattr("fembridge.results.byte_file._ALWAYS_UNPACKED", 1 << 16)
+    monkeypatch.setattr("fembridge.results.byte_file.SMALL_BYTES", 1 << 16)
     path = file("job.frd.gz", gzip.compress(bytes(1 << 24)))
     with pytest.raises(ResultError, match="unpacks to more than 100 times its 16"):
         read(path, [25])

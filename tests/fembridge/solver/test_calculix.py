@@ -6,24 +6,25 @@ import threading
 import pytest
 
 from fembridge.errors import MissingError, UsageError
+from fembridge.machine import SOLVER_INSTALL_LINE
 from fembridge.run_folder import read_run_folder
 from fembridge.solver import ccx
 from fembridge.solver.ccx import Watchdog, load_solver, run_folders
 from fembridge.solver.settings import SolverSettings
-from fembridge.solver.verdict import Cause, read_solver_log
+from fembridge.solver.verdict import REMEDIES, Cause, read_solver_log
 from fembridge.store import sha256_of
 
 ENDINGS = {
     "bad_deck": (Cause.BAD_DECK, "NOPE has not yet been defined. [NOPE,1,1]"),
     "diverged": (Cause.DIVERGED, "increment 2, from 0.5 to 1 ms, after 2 iterations"),
-    "silent_divergence": (Cause.DIVERGED, "3 of 4 increments are good"),
+    "silent_divergence": (Cause.DIVERGED, "3 of 4 increments"),
     "odd_error": (Cause.UNKNOWN, "the moon is full"),
     "inverted": (Cause.NEGATIVE_JACOBIAN, "determinant in element 7"),
-    "starved": (Cause.OUT_OF_MEMORY, "fewer jobs"),
+    "starved": (Cause.OUT_OF_MEMORY, REMEDIES[Cause.OUT_OF_MEMORY]),
     "cut": (Cause.DISK_FULL, "job.frd stops at byte 900"),
     "no_room": (Cause.DISK_FULL, "No space left on device"),
-    "too_large": (Cause.DISK_FULL, "ulimit -f"),
-    "no_output": (Cause.MISSING_OUTPUT, "job.frd holds the mesh alone"),
+    "too_large": (Cause.DISK_FULL, REMEDIES[Cause.DISK_FULL]),
+    "no_output": (Cause.MISSING_OUTPUT, "job.frd"),
     "no_frd": (Cause.MISSING_OUTPUT, "no job.frd"),
     "nothing": (Cause.MISSING_OUTPUT, "nothing to do"),
     "odd_exit": (Cause.UNKNOWN, "exit code 7"),
@@ -94,7 +95,8 @@ def test_an_increment_that_iterates_for_ever_is_stopped(solve, fake_ccx, make_ru
     folder = make_run("endless")
     outcome = solve(folder, iteration_limit=50)
     assert outcome.failure.cause is Cause.ENDLESS_ITERATION
-    assert "limit 50, after 1 of 4 increments" in str(outcome.failure)
+    for limit_and_place in ("limit 50", "1 of 4 increments"):
+        assert limit_and_place in outcome.failure.finding
     assert 50 < outcome.iterations < 90_000
 
 
@@ -125,7 +127,7 @@ def test_without_a_solver_the_line_that_installs_it_is_said(solve, make_run, mon
     folder = make_run("normal")
     outcome = solve(folder)
     assert outcome.failure.cause is Cause.NO_SOLVER
-    assert "apt-get install -y calculix-ccx" in str(outcome.failure)
+    assert SOLVER_INSTALL_LINE in outcome.failure.remedy
     assert files_of(folder) == {"job.inp", "run.toml"}
 
 
@@ -133,14 +135,14 @@ def test_a_solver_that_the_system_cannot_run_is_said(solve, fake_ccx, make_run):
     fake_ccx.write_text("#!/no/such/interpreter\n")
     outcome = solve(make_run("normal"))
     assert outcome.failure.cause is Cause.NO_SOLVER
-    assert f"{fake_ccx} cannot be run" in str(outcome.failure)
+    assert str(fake_ccx) in outcome.failure.finding
 
 
 def test_a_deck_that_ccx_never_finishes_reading_is_named(fake_ccx, make_run, monkeypatch):
     monkeypatch.setattr(ccx, "READING_S", 0.5)
     folder = make_run("hang")
     (shown,) = ccx.warnings_of(read_run_folder(folder), folder / "job.inp")
-    assert "had not read the deck after 0.5 s" in shown
+    assert "0.5 s" in shown
 
 
 def test_outcomes_come_in_the_order_of_the_folders(fake_ccx, make_run, tmp_path):
@@ -156,8 +158,9 @@ def test_outcomes_come_in_the_order_of_the_folders(fake_ccx, make_run, tmp_path)
     causes = [outcome.failure and outcome.failure.cause for outcome in outcomes]
     folder_is_bad = Cause.BAD_FOLDER
     assert causes == [Cause.DIVERGED, folder_is_bad, None, folder_is_bad, folder_is_bad]
-    assert "Marc is run with your own solver" in str(outcomes[3])
-    assert "no solver 'abacus' here; there is calculix" in str(outcomes[4])
+    assert "Marc" in outcomes[3].failure.finding
+    for name in ("abacus", "calculix"):
+        assert name in outcomes[4].failure.finding
     assert str(outcomes[1]).count(str(absent)) == 1
 
 
@@ -214,7 +217,7 @@ def test_another_package_can_add_a_solver(monkeypatch):
     rows = importlib.metadata.EntryPoints([row])
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: rows.select(group=group))
     assert load_solver("mine")(3.0, 4.0) == 5.0
-    with pytest.raises(MissingError, match=r"no solver 'nine' here.*calculix, mine"):
+    with pytest.raises(MissingError, match=r"'nine'.*calculix, mine"):
         load_solver("nine")
 
 
@@ -250,7 +253,7 @@ def test_progress_is_the_time_of_the_last_increment_that_converged(watch):
     (work / "job.sta").write_text(STA + sta_row(1, 0.0005) + sta_row(2, 0.001) + failed)
     rows = [cvg_row(1, 1), cvg_row(1, 2), cvg_row(2, 1), cvg_row(3, 1), cvg_row(3, 2)]
     (work / "job.cvg").write_text(CVG + "".join(rows))
-    progress = dog.look(8.0)
+    progress = dog.read_progress(8.0)
     assert (progress.increment, progress.increments) == (2, 10)
     assert (progress.iterations, progress.iterations_here) == (5, 2)
     assert progress.fraction == pytest.approx(0.2, rel=1e-9)
@@ -260,9 +263,9 @@ def test_progress_is_the_time_of_the_last_increment_that_converged(watch):
 def test_a_line_that_cannot_be_read_keeps_what_was_known(watch):
     work, dog = watch()
     (work / "job.sta").write_text(STA + sta_row(1, 0.0005))
-    dog.look(1.0)
+    dog.read_progress(1.0)
     (work / "job.sta").write_text(STA + sta_row(1, 0.0005) + "what is this\n")
-    assert dog.look(2.0).increment == 1
+    assert dog.read_progress(2.0).increment == 1
 
 
 def test_a_new_attempt_counts_its_iterations_anew(watch):
@@ -270,31 +273,32 @@ def test_a_new_attempt_counts_its_iterations_anew(watch):
     (work / "job.cvg").write_text(
         CVG + "".join(cvg_row(1, n, attempt) for attempt in (1, 2) for n in (1, 2, 3))
     )
-    assert dog.complaint(dog.look(1.0)) is None
+    assert dog.stop_reason(dog.read_progress(1.0)) is None
     with (work / "job.cvg").open("a") as file:
         file.write(cvg_row(1, "****", attempt=2))
-    assert dog.complaint(dog.look(2.0)).cause is Cause.ENDLESS_ITERATION
+    assert dog.stop_reason(dog.read_progress(2.0)).cause is Cause.ENDLESS_ITERATION
 
 
 def test_growth_of_any_file_puts_the_stall_off(watch):
     work, dog = watch(stall_limit_s=10.0)
     (work / "job.frd").write_text("a")
-    assert dog.complaint(dog.look(1.0)) is None
-    assert dog.complaint(dog.look(10.9)) is None
+    assert dog.stop_reason(dog.read_progress(1.0)) is None
+    assert dog.stop_reason(dog.read_progress(10.9)) is None
     (work / "job.frd").write_text("ab")
-    assert dog.complaint(dog.look(11.5)) is None
-    assert dog.complaint(dog.look(21.4)) is None
-    assert dog.complaint(dog.look(21.6)).cause is Cause.STALLED
+    assert dog.stop_reason(dog.read_progress(11.5)) is None
+    assert dog.stop_reason(dog.read_progress(21.4)) is None
+    assert dog.stop_reason(dog.read_progress(21.6)).cause is Cause.STALLED
 
 
 def test_the_time_limit_counts_though_files_grow(watch):
     work, dog = watch(time_limit_s=10.0)
     (work / "job.frd").write_text("a")
-    assert dog.complaint(dog.look(10.0)) is None
+    assert dog.stop_reason(dog.read_progress(10.0)) is None
     (work / "job.frd").write_text("ab")
-    complaint = dog.complaint(dog.look(10.1))
-    assert complaint.cause is Cause.TIME_LIMIT
-    assert "10 s were over after 0 of 10 increments, 0 of 5 ms" in str(complaint)
+    failure = dog.stop_reason(dog.read_progress(10.1))
+    assert failure.cause is Cause.TIME_LIMIT
+    for value in ("10 s", "0 of 10 increments", "0 of 5 ms"):
+        assert value in failure.finding
 
 
 @pytest.mark.parametrize("name", ["time_limit_s", "stall_limit_s", "iteration_limit"])

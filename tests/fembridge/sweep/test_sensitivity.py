@@ -18,10 +18,10 @@ from fembridge.plots.sensitivity import effects_figure
 from fembridge.sensitivity import (
     OUTPUT,
     SweptFingers,
-    base_of,
     effects_markdown,
-    in_order,
+    find_base,
     is_one_at_a_time,
+    ordered_parameters,
     rank_regressions,
     read_swept,
     regressions_markdown,
@@ -72,7 +72,7 @@ def test_a_finger_is_what_stands_before_the_stimulus_and_constants_are_left_out(
     assert tuple(swept.answers.columns.unique("stimuli")) == GROUPS
 
 
-def test_a_finger_of_which_anything_failed_is_left_out_and_its_cause_told(results):
+def test_a_finger_of_which_anything_failed_is_left_out_and_its_cause_kept(results):
     swept = read_swept(
         results(
             row(1.0, "sine_20_250", 10, 5000),
@@ -98,7 +98,7 @@ ONE, OTHER = row(1.0, "sine_20_250", 1, 1), row(1.1, "sine_20_250", 2, 1)
         (UsageError, [ONE], "fingers: 1,"),
         (UsageError, [ONE, row(1.1, "sine_20_250", "", "", status="failed,x")], "fingers: 1,"),
         (TableError, [ONE, row(1.0, "sine_20_250", 2, 1)], "csv:3: .*sine_20_250, SA"),
-        (TableError, [ONE, row(1.1, "sine_50_250", 2, 1)], "sine_.*SA is not there"),
+        (TableError, [ONE, row(1.1, "sine_50_250", 2, 1)], "sine_.*SA "),
         (
             TableError,
             [ONE.replace("1.0", "thin"), OTHER.replace("1.1", "thick")],
@@ -152,7 +152,7 @@ def test_the_base_is_found_wherever_its_row_stands(order):
     answers = np.array([5.0, 3.0, 8.0, 4.0, 6.0])
     swept = fingers([rows[k] for k in order], answers[list(order)])
     effects = single_effects(swept)
-    assert base_of(swept) == order.index(0)
+    assert find_base(swept) == order.index(0)
     assert effects[["at_low", "at_base", "at_high"]].to_numpy().tolist() == [[3, 5, 8], [4, 5, 6]]
 
 
@@ -160,7 +160,7 @@ def test_no_finger_of_a_single_parameter_is_called_the_base():
     """Any of three could be what the other two were varied from."""
     swept = fingers([{"p": 1.0}, {"p": 0.0}, {"p": 2.0}], np.array([20.0, 10.0, 30.0]))
     assert is_one_at_a_time(swept)
-    assert base_of(swept) is None
+    assert find_base(swept) is None
     [effect] = single_effects(swept).to_dict("records")
     assert math.isnan(effect["base"])
     assert math.isnan(effect["at_base"])
@@ -196,12 +196,12 @@ def test_the_strongest_comes_first_and_stress_parts_what_rates_do_not():
     rows = one_at_a_time({"p": 1.0, "q": 1.0, "r": 1.0}, {n: Range(0, 2) for n in "pqr"})
     rates = np.array([10.0, 10, 10, 10, 10, 10, 12])
     stress = np.array([100.0, 99, 101, 90, 110, 100, 100])
-    assert in_order(single_effects(fingers(rows, rates, stress))) == ["r", "q", "p"]
+    assert ordered_parameters(single_effects(fingers(rows, rates, stress))) == ["r", "q", "p"]
     value = orthogonal(3, 3)
     fits = rank_regressions(
         fingers(value, value[:, 2], value[:, 1] + 0.5 * value[:, 0]), resamples=5
     )
-    assert in_order(fits) == [2, 1, 0]
+    assert ordered_parameters(fits) == [2, 1, 0]
 
 
 def orthogonal(parameters, levels=5):
@@ -246,11 +246,11 @@ def test_an_answer_that_hardly_ever_changes_has_numbers_and_one_that_never_does_
 
 def test_too_few_fingers_and_parameters_that_rise_together_are_refused():
     few = np.random.default_rng(0).normal(size=(9, 4))
-    with pytest.raises(UsageError, match="9 fingers for 4 parameters"):
+    with pytest.raises(UsageError, match=r"9 .* 4 "):
         rank_regressions(fingers(few, few[:, 0]))
     value = np.random.default_rng(0).normal(size=(20, 2))
     value = pd.DataFrame({"p": value[:, 0], "q": value[:, 1], "r": -(value[:, 0] ** 3)})
-    with pytest.raises(UsageError, match="p and r"):
+    with pytest.raises(UsageError, match=r"\bp\b.*\br\b"):
         rank_regressions(fingers(value, value["q"]))
 
 

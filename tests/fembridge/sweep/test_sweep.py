@@ -15,7 +15,7 @@ from fembridge.stimulus import Stimulus
 from fembridge.sweeps import Study, Variant
 from fembridge.sweeps import sweep as module
 from fembridge.sweeps.study import study_from
-from fembridge.sweeps.sweep import STUDY_FILE, plan_of, read_answers, solver_version, work
+from fembridge.sweeps.sweep import STUDY_FILE, make_plan, read_answers, run_task, solver_version
 from fembridge.sweeps.sweep import sweep as run_sweep
 from neural import parameter_set
 from neural.rates import spikes_inside
@@ -122,7 +122,7 @@ def test_one_that_fails_is_listed_and_stops_nobody(here, tmp_path):
     }
 
 
-def test_a_bug_of_ours_in_one_item_is_said_and_stops_nobody(here, tmp_path, monkeypatch):
+def test_a_bug_of_ours_in_one_item_is_its_cause_and_stops_nobody(here, tmp_path, monkeypatch):
     real = module.encode_all
 
     def buggy(stimuli, traces, *words):
@@ -148,13 +148,13 @@ def test_a_bug_of_ours_in_one_item_is_said_and_stops_nobody(here, tmp_path, monk
 def test_an_old_table_does_not_outlive_the_start_of_a_sweep(here, tmp_path, monkeypatch):
     made = study("sine_20_250")
     sweep = run_sweep(made, tmp_path)
-    [item] = plan_of(made, "stored").items.values()
+    [item] = make_plan(made, "stored").items.values()
     (tmp_path / item.place / "item.toml").unlink()
 
     def stopped(*words):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(module, "_do", stopped)
+    monkeypatch.setattr(module, "_run_tasks", stopped)
     with pytest.raises(KeyboardInterrupt):
         run_sweep(made, tmp_path)
     assert not sweep.results.exists()
@@ -214,12 +214,12 @@ def test_calculix_gives_what_is_stored_and_a_transient_what_the_map_gives(tmp_pa
         methods=("map", "transient"),
         parameters=parameter_set("published"),
     )
-    plan = plan_of(both, solver_version())
+    plan = make_plan(both, solver_version())
     assert {item.response.key for item in plan.items.values()} == {one.response.key}
     assert (tmp_path / "out" / STUDY_FILE).exists()
     peaks = []
     for item in plan.items.values():
-        assert work(item, tmp_path / "out", threads=1).cause == ""
-        assert work(item, tmp_path / "out").before
+        assert run_task(item, tmp_path / "out", threads=1).cause == ""
+        assert run_task(item, tmp_path / "out").before
         peaks.append(read_answers(tmp_path / "out" / item.place).peak_stress_pa)
     np.testing.assert_allclose(peaks[1], peaks[0], rtol=5e-3)

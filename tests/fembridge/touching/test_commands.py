@@ -85,7 +85,7 @@ def test_files_of_two_touches_never_stand_side_by_side(tmp_path, capsys):
         (("receptive-field", "--depth-um", "deep"), "deep"),
         (("receptive-field", "--pad", "plane"), "plane"),
         (("pad", "-o", "pad.txt"), ".npz"),
-        (("pad", "--spacing-mm", "0"), "--spacing-mm must be 0.05 to 1"),
+        (("pad", "--spacing-mm", "0"), "--spacing-mm: '0', expected a number from 0.05 to 1"),
     ],
 )
 def test_misuse_gets_one_line(refused, words, named):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from fembridge.errors import UsageError
-from fembridge.touching.contact import Contact, gaps_mm, skin_nodes
+from fembridge.touching.contact import MOST_NODES, Contact, blas_threads, gaps_mm, skin_nodes
 from fembridge.touching.pad import pad_named
 from fembridge.touching.shape import Shape
 
@@ -118,3 +118,37 @@ def test_too_many_nodes_are_refused():
     nodes = skin_nodes(PAD, half_length_mm=60.0)
     with pytest.raises(UsageError, match="6000"):
         Contact.of(nodes)
+
+
+def test_a_start_from_no_contact_takes_few_nodes_in_at_a_time():
+    """Nodes that carry all of a force alone go so deep that all others would enter."""
+    nodes, gap = under(Shape.grating(), 0.8)
+    contact = Contact.of(nodes)
+    sizes = []
+    exchange = contact._set.exchange
+
+    def counted(enter, leave):
+        sizes.append(int(enter.sum()))
+        exchange(enter, leave)
+
+    contact._set.exchange = counted
+    force, _ = contact.press_with(gap, 0.5)
+    assert max(sizes) < 0.5 * gap.size
+    assert force.sum() == pytest.approx(0.5)
+
+
+def test_contact_runs_in_one_thread_of_the_blas_and_gives_the_others_back():
+    from threadpoolctl import threadpool_info
+
+    def threads():
+        return [each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas"]
+
+    before = threads()
+    with blas_threads(100):
+        assert set(threads()) <= {1}
+        with blas_threads(100):
+            assert set(threads()) <= {1}
+        assert set(threads()) <= {1}
+    assert threads() == before
+    with blas_threads(MOST_NODES):
+        assert threads() == before

@@ -1,12 +1,24 @@
-"""Populations: densities, seeds, tables."""
+"""Populations: densities, seeds, tables, and where units may lie."""
+
+import hashlib
+from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.presets import QUICK
-from fembridge.errors import TableError, UsageError
-from fembridge.touching.population import DENSITY_CM2, Population, population_named
+from fembridge.errors import FembridgeError, FembridgeWarning, TableError, UsageError
+from fembridge.touching.pad import pad_named
+from fembridge.touching.population import (
+    DENSITY_CM2,
+    Population,
+    check_inside,
+    population_named,
+)
+
+PAD = pad_named("reference")
 
 
 def test_a_fingertip_has_the_densities_of_man():
@@ -25,6 +37,44 @@ def test_the_same_seed_is_the_same_finger():
     assert_array_equal(one.x_mm, again.x_mm)
     assert_array_equal(one.deviate, again.deviate)
     assert not np.array_equal(one.x_mm, other.x_mm)
+
+
+def test_the_fingertip_is_that_of_earlier_versions_to_the_last_digit():
+    """SHA-256 of places and deviates of five seeds, made before `density` was exact."""
+    digest = hashlib.sha256()
+    for seed in range(5):
+        units = Population.fingertip(seed=seed)
+        assert Counter(units.afferent) == {"SA": 260, "RA": 532, "PC": 96}
+        for values in (units.x_mm, units.z_mm, units.deviate):
+            digest.update(np.round(values, 9).tobytes())
+    assert digest.hexdigest() == "4fba053a4724ce010146e443141f35abdaadd3d2b8cf5a936c5780a98542175f"
+
+
+@pytest.mark.parametrize("density", [955 / 888, 0.01, 0.1, 0.3, 0.999, 1.001, 2.5, 10.0])
+def test_density_asks_for_that_many_times_the_units_on_the_same_skin(density):
+    units = Population.fingertip(density=density)
+    assert len(units) == round(888 * density)
+    for name, count in (("SA", 260), ("RA", 532), ("PC", 96)):
+        selected = np.array(units.afferent) == name
+        assert abs(selected.sum() - count * density) < 1
+        if selected.sum() > 100:  # as many in each quarter, to the lattice
+            quarters = np.histogram2d(
+                units.x_mm[selected], units.z_mm[selected], 2, [[-7, 7], [-12, 12]]
+            )[0]
+            assert_allclose(quarters, selected.sum() / 4, rtol=0.15)
+    assert len(set(units.unit)) == len(units)
+
+
+def test_a_density_without_a_unit_and_too_many_units_are_refused():
+    for make in (
+        lambda: Population.fingertip(density=1e-9),
+        lambda: Population.fingertip(density=float("nan")),
+        lambda: Population.grid(step_mm=0.01),
+        lambda: Population.one_each(x_mm=float("nan")),
+        lambda: Population.at(["SA"], np.zeros(2), np.zeros(1)),
+    ):
+        with pytest.raises(UsageError):
+            make()
 
 
 def test_a_table_comes_back(tmp_path):
@@ -52,6 +102,13 @@ def test_places_alone_make_a_population(tmp_path):
         ("afferent,x_mm,z_mm\nSA,here,0\n", 2),
         ("unit,afferent,x_mm,z_mm\na,SA,0,0\na,RA,0,0\n", 3),
         ("afferent,x_mm\nSA,0\n", 1),
+        ("afferent,x_mm,z_mm,deviates\nSA,0,0,1\n", 1),
+        ("# of a study\nafferent,x_mm,z_mm,layer\nSA,0,0,dermis\n", 2),
+        ("afferent,x_mm,z_mm,deviate,deviate\nSA,0,0,1,2\n", 1),
+        ("afferent,x_mm,z_mm\nSA,1_0,0\n", 2),
+        ("afferent,x_mm,z_mm\nSA,\u0661,0\n", 2),
+        ("afferent,x_mm,z_mm\nSA,0,nan\n", 2),
+        ("afferent,x_mm,z_mm,depth_mm\nSA,0,0,-1\n", 2),
     ],
 )
 def test_a_table_that_is_no_population_names_the_line(tmp_path, text, line):
@@ -62,11 +119,109 @@ def test_a_table_that_is_no_population_names_the_line(tmp_path, text, line):
     assert error.value.line == line
 
 
+def test_a_column_of_another_name_is_refused_with_the_nearest(tmp_path):
+    path = tmp_path / "mine.csv"
+    path.write_text("afferent,x_mm,z_mm,deviates\nRA,0,0,0.5\n")
+    with pytest.raises(TableError, match=r"deviates.* deviate"):
+        Population.read(path)
+
+
+def test_a_table_that_may_be_cut_in_its_last_cell_is_named(tmp_path):
+    path = tmp_path / "mine.csv"
+    path.write_text("afferent,x_mm,z_mm\nRA,0,1")
+    with pytest.warns(FembridgeWarning, match=r"mine\.csv: no line end"):
+        Population.read(path)
+
+
+@pytest.mark.parametrize(
+    ("row", "match"),
+    [
+        ("far,RA,1e308,0,0.5,0", "unit far: x_mm is 1e[+]308"),
+        ("far,RA,0,-1e308,0.5,0", "unit far: z_mm is -1e[+]308"),
+        ("deep,RA,0,0,1e308,0", "unit deep: depth_mm"),
+        ("dull,RA,0,0,0.5,1e308", "unit dull: deviate"),
+    ],
+)
+def test_a_number_that_no_unit_has_is_refused_by_its_name(tmp_path, row, match):
+    path = tmp_path / "mine.csv"
+    path.write_text(f"unit,afferent,x_mm,z_mm,depth_mm,deviate\na,SA,0,0,0.5,0\n{row}\n")
+    with pytest.raises(UsageError, match=match):
+        Population.read(path)
+
+
+def placed(x_mm=0.0, z_mm=0.0, depth_mm=None, afferent="SA", pad=PAD):
+    depths_mm = None if depth_mm is None else np.array([depth_mm, depth_mm])
+    units = Population.at([afferent] * 2, np.array([x_mm, x_mm]), np.array([z_mm, z_mm]), depths_mm)
+    check_inside(pad, replace(units, unit=("first", "second")))
+
+
+@pytest.mark.parametrize(
+    ("place", "match"),
+    [
+        ({"x_mm": 20.0}, r"first at x = 20 mm is beside the skin, .* 8 mm .*1 others"),
+        ({"x_mm": -8.1}, "first at x = -8.1 mm"),
+        ({"z_mm": 25.5}, "first at z = 25.5 mm is beyond the pad"),
+        ({"z_mm": -900.0}, "first at z = -900 mm"),
+        ({"depth_mm": 0.9}, "first is 0.9 mm deep in epidermis at x"),
+        ({"depth_mm": 0.1}, "first is 0.1 mm deep in epidermis at x"),
+        ({"depth_mm": 0.5, "afferent": "PC"}, "first is 0.5 mm deep in subcutaneous_tissue"),
+    ],
+)
+def test_a_unit_outside_the_skin_that_the_pad_models_is_refused_by_its_name(place, match):
+    with pytest.raises(UsageError, match=f"unit {match}"):
+        placed(**place)
+
+
+def test_a_unit_in_a_layer_without_stress_is_refused_by_its_name():
+    units = replace(Population.one_each(), layer=("epidermis", "dermis", "subcutaneous_tissue"))
+    with pytest.raises(UsageError, match="unit RA1: the pad holds no stress in dermis"):
+        check_inside(PAD, units)
+
+
+def test_a_unit_that_a_press_in_the_middle_does_not_reach_is_named():
+    with pytest.warns(FembridgeWarning, match="unit first at z = -14 mm .and 1 others.*13.3 mm"):
+        placed(z_mm=-14.0)
+    placed(z_mm=13.0)
+    placed(z_mm=900.0, pad=pad_named("plane"))  # endless along the finger
+    placed(x_mm=7.99)
+    for pad in (PAD, pad_named("plane")):
+        check_inside(pad, Population.fingertip(finger=pad.finger))
+        check_inside(pad, Population.grid(half_width_mm=7.0, half_length_mm=12.0))
+
+
+def test_a_population_that_is_damaged_is_refused_or_has_another_cell(tmp_path):
+    """No column vanishes and no row, whatever character is changed."""
+    units, path = Population.fingertip(seed=3, density=0.01), tmp_path / "population.csv"
+    units.write(path)
+    whole, rng = path.read_bytes(), np.random.default_rng(26)
+    for position in [*range(40), *rng.integers(0, len(whole), 250).tolist()]:
+        damaged = bytearray(whole)
+        damaged[position] ^= 1 << int(rng.integers(7))
+        path.write_bytes(damaged)
+        try:
+            again = Population.read(path)
+        except (FembridgeError, FembridgeWarning):
+            continue
+        assert len(again) == len(units)
+        different = sum(
+            not np.array_equal(getattr(again, name), getattr(units, name))
+            for name in ("unit", "afferent", "x_mm", "z_mm", "depth_mm", "deviate")
+        )
+        assert different <= 1 and (different == 0 or position > 40)
+
+
 def test_words_name_a_population():
     assert len(population_named("grid:step_mm=2,half_width_mm=4,half_length_mm=2", QUICK)) == 45
     line = population_named("line:along=x,step_mm=0.5,half_length_mm=1", QUICK)
     assert_allclose(line.x_mm[:5], [-1, -0.5, 0, 0.5, 1])
     assert population_named("one_each:x_mm=2", QUICK).afferent == ("SA", "RA", "PC")
-    for word, named in (("fingertop", "fingertip"), ("grid:step=1", "step_mm")):
+    for word, named in (
+        ("fingertop", "fingertip"), ("grid:step=1", "step_mm"), ("grid:step_mm=0", "steps of 0"),
+        ("fingertip:seed=1_0", "'1_0'"), ("fingertip:seed=1.5", "a whole number"),
+        ("fingertip:seed=-1", "seed -1"), ("fingertip:density=nan", "'nan'"),
+        ("fingertip:density=1e308", "density 1e[+]308"),
+        ("one_each:x_mm=1e308", "x_mm is 1e[+]308"),
+        ("line:step_mm=1e-320", "at most 1000"), ("line:half_length_mm=inf", "'inf'"),
+    ):  # fmt: skip
         with pytest.raises(UsageError, match=named):
             population_named(word, QUICK)

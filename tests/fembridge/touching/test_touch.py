@@ -1,5 +1,8 @@
 """Whole touches and receptive fields: what must be equal by two ways, and larger where."""
 
+import re
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +12,7 @@ from numpy.testing import assert_allclose
 import fembridge as fb
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
-from fembridge.errors import TableError, UsageError
+from fembridge.errors import FembridgeWarning, TableError, UsageError
 from fembridge.response.response_map import FOLDER, read_map, write_map
 from fembridge.results.stress import von_mises_pa as tensor_von_mises
 from fembridge.touching.contact import TIP_RADIUS_MM, press_to, skin_nodes
@@ -138,11 +141,64 @@ def test_rates_count_the_spikes_of_the_window():
         ({"stimulus": "sine_20"}, "12"),
         ({"press_n": 19.0}, "2000"),
         ({"press_um": 100, "seed": -1}, "seed is -1"),
+        ({"press_um": 100, "seed": 1.5}, "seed is 1.5"),
+        ({"press_um": 100, "repeats": 0}, "repeats is 0"),
+        ({"press_um": 100, "repeats": 2.0}, "repeats is 2.0"),
+        ({"press_um": 100, "noise_mv": "much"}, "noise_mv is 'much'"),
+        ({"stimulus": "sine_20_250", "preindent_um": 1e9}, "preindent_um is"),
+        ({"stimulus": "sine_20_250", "preindent_um": np.nan}, "preindent_um is nan"),
+        *(
+            ({"slide_mm_per_s": 20, "press_um": 100, "friction": friction}, "friction is")
+            for friction in (np.nan, np.inf, 1e308, -0.1)
+        ),
+        *(
+            ({"press_um": 100, name: value}, name.partition("_")[0])
+            for name in ("noise_mv", "ramp_ms", "hold_ms", "slide_mm_per_s")
+            for value in (np.nan, np.inf, 1e308, -1.0)
+        ),
+        *(
+            ({"press_um": 100, "slide_mm_per_s": 20, "duration_ms": value}, "slides for")
+            for value in (np.nan, np.inf, 1e308, -1.0)
+        ),
     ],
 )
 def test_what_means_nothing_is_refused(arguments, named):
     with pytest.raises(UsageError, match=named):
         fb.touch("punch", population="one_each", **arguments)
+
+
+PRESSED, SLID = {"press_um": 100}, {"press_um": 100, "slide_mm_per_s": 20}
+WAVE, PATH, PINS = {"stimulus": "sine_20_250"}, {"path": "path.csv"}, {"pins": "pins.csv"}
+
+
+@pytest.mark.parametrize(
+    ("chosen", "unused"),
+    [
+        (PRESSED, {"preindent_um": 10, "friction": 0.4, "direction_deg": -90, "duration_ms": 1000}),
+        (PRESSED, {"pixel_mm": 0.1, "relief_mm": 0.5}),
+        (SLID, {"preindent_um": 10, "ramp_ms": 50, "hold_ms": 500}),
+        (WAVE, {"friction": 0.4, "ramp_ms": 50, "hold_ms": 500, "duration_ms": 1000}),
+        (PATH, {"ramp_ms": 50, "hold_ms": 500, "direction_deg": 0, "preindent_um": 0}),
+        (PINS, {"at_mm": (0, 0), "angle_deg": 0, "shape": "bar", "friction": 0.4, "hold_ms": 500}),
+        (PINS, {"pixel_mm": 0.1, "duration_ms": 1000, "press_um": 100}),
+    ],
+)
+def test_an_argument_that_the_chosen_way_does_not_use_is_refused(
+    tmp_path, monkeypatch, chosen, unused
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pins.csv").write_text("x_mm,z_mm,diameter_mm,stimulus\n0,0,1,sine_20_250\n")
+    (tmp_path / "path.csv").write_text("time_ms,x_mm,z_mm,depth_um\n0,0,0,100\n20,0,1,100\n")
+    fb.touch(population="one_each", **chosen)
+    for name, value in unused.items():
+        with pytest.raises(UsageError, match="pins|" + name):
+            fb.touch(population="one_each", **chosen, **{name: value})
+
+
+def test_a_relief_of_heights_in_millimetres_is_refused(tmp_path):
+    (tmp_path / "map.csv").write_text("0,1\n1,0\n")
+    with pytest.raises(UsageError, match="relief_mm"):
+        fb.touch(str(tmp_path / "map.csv"), pixel_mm=1.0, relief_mm=0.5, press_um=100)
 
 
 def test_pins_with_a_word_that_is_no_stimulus_name_the_line(tmp_path):
@@ -194,7 +250,8 @@ def test_what_touches_a_plane_pad_is_endless_and_forces_are_by_millimetre():
     one = touch_skin(pad_named("plane"), Shape.cylinder(1.0), Way.hold(press_um=200), ONE, FITTED)
     units = Population.line(step_mm=3.0, half_length_mm=3.0, afferents=("PC",))
     rod = Shape("rod", lambda x, z: Shape.cylinder(1.0).height_mm(x, z) - z**2 / 2 / TIP_RADIUS_MM)
-    whole = touch_skin(PAD, rod, Way.hold(press_um=200), units, FITTED)
+    with pytest.warns(FembridgeWarning, match="z = 12 mm"):
+        whole = touch_skin(PAD, rod, Way.hold(press_um=200), units, FITTED)
     assert_allclose(whole.stress_pa.max(axis=0)[1], one.stress_pa.max(axis=0)[2], rtol=0.02)
     at = whole.solved.forces_n[-1]
     middle = np.abs(whole.solved.nodes.z_mm) < 2.1
@@ -208,12 +265,79 @@ def test_a_shape_that_never_touches_leaves_the_skin_at_rest():
     assert not held.stress_pa.any() and not held.force_n.any() and not held.fired.time_ms.size
 
 
-def test_contact_beyond_the_skin_that_may_be_touched_is_said():
+def test_contact_at_the_end_of_the_skin_warns_with_its_place():
     tilted = Shape("tilted plate", lambda x, z: np.clip(4.4 - x, 0.0, 9.0) + 0.0 * z)
-    wide = touch_skin(PAD, tilted, Way.hold(press_um=200, hold_ms=20), ONE, FITTED)
+    brief = Way.hold(press_um=200, hold_ms=20)
+    with pytest.warns(FembridgeWarning, match="x = 4.33 mm"):
+        wide = touch_skin(PAD, tilted, brief, ONE, FITTED)
     assert "4.33 mm" in wide.origin["note"]
-    near = touch_skin(PAD, Shape.punch(1.0), Way.hold(press_um=200, hold_ms=20), ONE, FITTED)
+    with pytest.warns(FembridgeWarning, match="z = 12 mm"):
+        touch_skin(PAD, Shape.sphere().moved(0.0, 14.0), brief, ONE, FITTED)
+    near = touch_skin(PAD, Shape.punch(1.0), brief, ONE, FITTED)
     assert "note" not in near.origin
+
+
+@pytest.mark.parametrize(
+    ("shape", "width"),
+    [
+        ("grating:groove_mm=0.4,ridge_mm=0.4", 0.4),
+        ("grating:groove_mm=0.4", 0.4),
+        ("bar:width_mm=0.3", 0.3),
+        ("punch:diameter_mm=0.4", 0.4),
+        ("dots:diameter_mm=0.3", 0.3),
+    ],
+)
+@pytest.mark.parametrize("angle_deg", [0.0, 33.0])
+def test_parts_narrower_than_the_nodes_resolve_warn(shape, width, angle_deg):
+    """Flat parts and the grooves between them, however they are turned."""
+    brief = {"press_um": 200, "hold_ms": 5, "population": "one_each"}
+    with pytest.warns(FembridgeWarning, match="resolve 0.44 mm") as warned:
+        fb.touch(shape, angle_deg=angle_deg, at_mm=(0.05, 0.13), **brief)
+    [stated] = re.findall(r"about (\S+) mm wide", str(warned[0].message))
+    assert float(stated) == pytest.approx(width, abs=0.06)
+    assert warned[0].filename == __file__
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        "punch", "punch:diameter_mm=0.5", "sphere:diameter_mm=1", "cylinder:diameter_mm=1",
+        "plate", "edge", "bar", "bar:width_mm=0.5", "grating", "dots", "braille:text=b",
+        "letters:text=R",
+    ],
+)  # fmt: skip
+def test_shapes_that_the_nodes_resolve_do_not_warn(shape):
+    for place, press_um in (((0.0, 0.0), 50), ((0.06, 0.11), 700)):
+        brief = {"press_um": press_um, "hold_ms": 5, "population": "one_each"}
+        assert "note" not in fb.touch(shape, at_mm=place, angle_deg=20.0, **brief).origin
+
+
+def test_a_height_map_with_narrow_parts_warns(tmp_path):
+    """Stripes 0.4 mm wide of pixels of 0.1 mm, and points of one pixel, high as they are wide."""
+    stripes = np.tile(np.repeat([0.0, 0.5], 4), 5)[:, None] + np.zeros(40)
+    points = np.zeros((40, 40))
+    points[::6, ::6] = 0.5
+    for heights in (stripes, points):
+        np.savetxt(tmp_path / "map.csv", heights, delimiter=",")
+        with pytest.warns(FembridgeWarning, match="resolve 0.44 mm"):
+            fb.touch(
+                str(tmp_path / "map.csv"), pixel_mm=0.1, press_um=200, hold_ms=5,
+                population="one_each",
+            )  # fmt: skip
+
+
+def test_more_than_a_millimetre_deep_warns_with_the_depth():
+    with pytest.warns(FembridgeWarning, match=r"1100 um deep.*1000 um"):
+        fb.touch("sphere", press_um=1100, hold_ms=5, population="one_each")
+    with pytest.warns(FembridgeWarning, match="um deep"):
+        fb.touch("braille:text=b", press_n=0.4, hold_ms=5, population="one_each")
+
+
+def test_a_field_warns_once_of_its_depth_and_its_probe():
+    with pytest.warns(FembridgeWarning) as warned:
+        fb.receptive_field("SA", probe_diameter_mm=0.3, depth_um=[200, 1500], step_mm=2.0)
+    assert len(warned) == 2
+    assert {str(each.message).split()[0] for each in warned} == {"1500", "punch"}
 
 
 def test_pictures_are_drawn_by_name_and_others_refused():
@@ -321,8 +445,93 @@ def test_fields_at_a_multiple_of_threshold_are_about_as_large_as_in_man():
 
 
 @pytest.mark.parametrize(
-    "arguments", [{"afferent": "XX"}, {"criterion": 0.0}, {"depth_um": [-1.0]}, {"step_mm": 0.0}]
+    ("name", "values"),
+    [
+        ("afferent", ["XX", ["SA"]]),
+        ("probe_diameter_mm", [np.nan, np.inf, 1e308, 0.0, -1.0]),
+        ("criterion", [0.0, np.nan, 2.0]),
+        ("depth_um", [[-1.0], [np.nan], [np.inf], ["deep"]]),
+        ("times_threshold", [[0.0], [np.nan], [1e308]]),
+        ("frequency_hz", [np.nan, np.inf, 0.0]),
+        ("step_mm", [0.0, np.nan, np.inf]),
+    ],
 )
-def test_a_field_of_nothing_is_refused(arguments):
-    with pytest.raises(UsageError):
-        fb.receptive_field(**{"afferent": "SA", **arguments})
+def test_a_field_of_nothing_is_refused(name, values):
+    for value in values:
+        with pytest.raises(UsageError, match=name):
+            fb.receptive_field(**{"afferent": "SA", name: value})
+
+
+# ---- Parts of a touch
+
+
+@pytest.mark.parametrize("scanned", [False, True])
+def test_stress_and_spikes_do_not_depend_on_how_many_samples_are_taken_at_a_time(
+    monkeypatch, scanned
+):
+    """Noise too: its numbers come in the same order."""
+    units = Population.line(step_mm=0.5, half_length_mm=3.0)
+    way = Way.slide(40.0, press_um=300, duration_ms=60) if scanned else way_of_sine()
+    noisy = {"trials": 2, "noise_mv": 0.5, "seed": 3}
+
+    def touched():
+        return touch_skin(PAD, Shape.dots(2.0), way, units, FITTED, **noisy)
+
+    whole = touched()
+    stress_pa = whole.stress_pa
+    monkeypatch.setattr("neural.encoder._UNIT_NUMBERS", 3_000)
+    monkeypatch.setattr("fembridge.touching.contact._STEPS_AT_ONCE", 17)
+    monkeypatch.setattr("fembridge.touching.touch._NUMBERS", 500)
+    monkeypatch.setattr("fembridge.touching.stress._BLOCK", 20_000)
+    parts = touched()
+    assert whole.fired.time_ms.size > 50
+    for name in ("unit", "trial", "time_ms"):
+        np.testing.assert_array_equal(getattr(parts.fired, name), getattr(whole.fired, name))
+    assert_allclose(parts.stress_pa, stress_pa, rtol=1e-6, atol=1e-3)
+    assert_allclose(parts.force_n, whole.force_n, rtol=1e-12)
+    assert_allclose(parts.stress_of([4, 1]), stress_pa[:, [4, 1]], rtol=1e-6, atol=1e-3)
+
+
+def way_of_sine():
+    times_ms = np.arange(401) * 0.5
+    depth_um = 300 + 200 * np.sin(2 * np.pi * 0.02 * times_ms)
+    return Way("sine", 0.5, (0.0, 200.0), depth_um)
+
+
+def test_stress_larger_than_the_memory_is_refused_and_some_units_are_not(monkeypatch):
+    held = fb.touch("punch", press_um=200, hold_ms=20, population="line")
+    monkeypatch.setenv("FEMBRIDGE_MEMORY", "100K")
+    with pytest.raises(UsageError, match="stress of"):
+        _ = held.stress_pa
+    assert held.stress_of([2]).shape == (held.way.pressed.size, 1)
+
+
+def test_a_contact_of_too_many_steps_for_the_memory_is_refused(monkeypatch):
+    monkeypatch.setenv("FEMBRIDGE_MEMORY", "10K")
+    with pytest.raises(UsageError, match="contact of 101 steps"):
+        fb.touch("plate", press_um=200, slide_mm_per_s=40, duration_ms=50, population="one_each")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("duration_ms", [1_000, 10_000])
+def test_a_touch_of_twenty_thousand_units_stays_below_two_gigabytes(duration_ms):
+    program = f"""
+import resource
+import numpy as np
+from fembridge.touching.pad import pad_named
+from fembridge.touching.population import Population
+from fembridge.touching.shape import Shape
+from fembridge.touching.touch import touch_skin
+from fembridge.touching.way import Way
+from neural import parameter_set
+times_ms = np.arange({2 * duration_ms} + 1) * 0.5
+way = Way("sine", 0.5, (0.0, times_ms[-1]), 75 + 130 * np.sin(0.04 * np.pi * times_ms))
+units = Population.fingertip(density=20_000 / 888)
+parameters = parameter_set("fitted_pad").parameters
+touch_skin(pad_named("reference"), Shape.punch(1.0), way, units, parameters)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert float(done.stdout) < 2.0

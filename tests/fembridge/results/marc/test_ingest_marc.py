@@ -66,7 +66,7 @@ def test_a_boundary_is_refused_crossed_or_read_side_by_side(capsys):
 @pytest.mark.parametrize(
     ("words", "shown"),
     [
-        (["--list", "--von-mises", "scalar"], "--list and --von-mises do not go toget"),
+        (["--list", "--von-mises", "scalar"], "--von-mises is for von Mises stress at nodes"),
         (["--node", "7", "--one-sided", "SOFT"], "of a Marc post file takes no name"),
         (
             ["--node", "7", "--von-mises", "scalar", "--one-sided"],
