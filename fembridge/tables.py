@@ -93,7 +93,7 @@ NOTE_COLUMNS = ("note", "notes", "comment", "comments", "remark", "remarks", "so
 # of words that are all different and of empty cells, in ASCII and not: of text at most this
 # much a byte of the file and a cell, of numbers that are parsed as such this much a cell.
 _TEXT_BYTES_PER_BYTE, _TEXT_BYTES_PER_CELL = 17, 12
-_NUMBER_BYTES_PER_CELL = 26
+_NUMBER_BYTES_PER_CELL = 28
 _MOST_CELLS_PER_BYTE = 1  # each has a separator or a line end behind it
 _SMALL_CELLS = 1 << 20
 _BLOCK_BYTES = 1 << 20
@@ -443,7 +443,8 @@ def _plain_table(path: Path, asked: Mapping[str, Sequence[str]]) -> "TextTable |
                 path,
                 header=None,
                 skiprows=1,
-                usecols=sorted(kinds),
+                # With a selection pandas reads in one thread.
+                usecols=sorted(kinds) if len(kinds) < len(header) else None,
                 dtype=kinds,
                 na_filter=False,
                 skip_blank_lines=False,
@@ -931,8 +932,9 @@ def _counts_of(path: Path) -> _Counts:
     last_byte = b""
     with path.open("rb") as file:
         while block := file.read(_BLOCK_BYTES):
-            rows += block.count(b"\n")
-            separators += block.count(b",")
+            codes = np.frombuffer(block, np.uint8)  # faster than bytes.count of a frequent one
+            rows += int(np.count_nonzero(codes == ord("\n")))
+            separators += int(np.count_nonzero(codes == ord(",")))
             size_bytes += len(block)
             last_byte = block[-1:]
     return _Counts(rows + (last_byte != b"\n"), separators, size_bytes, last_byte)
