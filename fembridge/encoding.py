@@ -29,7 +29,7 @@ from fembridge.simulation import (
     unlike_the_fit,
 )
 from fembridge.tables import SpikeTrain, read_traces
-from fembridge.trace import StressTrace, Traces, doubt_of_step, resample
+from fembridge.trace import StressTrace, Traces, check_growth, doubt_of_step, resample
 from fembridge.typing import FloatArray
 from neural import Parameters, ParameterSet, parameter_set
 
@@ -202,6 +202,16 @@ def _prepare_traces(
     ]
     if not classes:
         raise UsageError(f"no trace of {' or '.join(afferents or ('any class',))}")
+    lengths = [
+        (trace.stress_pa.size, int(trace.stress_pa.size * trace.dt_ms / parameters[afferent].dt_ms))
+        for trace, afferent in classes
+        if afferent in parameters
+    ]
+    check_growth(
+        sum(before for before, _ in lengths),
+        sum(after for _, after in lengths),
+        max((after for _, after in lengths), default=0),
+    )
     keys = [(trace.stimulus or name, afferent, trace.unit) for trace, afferent in classes]
     has_unique_keys = len(set(keys)) == len(keys)
     prepared: list[StressTrace] = []

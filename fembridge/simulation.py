@@ -460,6 +460,10 @@ def encode_all(
     return Simulation(tuple(stimuli), rows, tuple(trains), tuple(rates), origin)
 
 
+# Samples of a class that are encoded at a time: 220 bytes each with ten cells.
+_BATCH_SAMPLES = 1_000_000
+
+
 def fired(
     traces: Sequence[StressTrace], parameters: Parameters, derivative: str = "backward"
 ) -> list[list[FloatArray]]:
@@ -469,14 +473,19 @@ def fired(
     for row, trace in enumerate(traces):
         batch = by_grid.setdefault((trace.stress_pa.size, trace.dt_ms, trace.start_ms), {})
         batch.setdefault(str(trace.afferent), []).append(row)
-    for (_, dt_ms, start_ms), classes in by_grid.items():
-        stress_pa = {
-            name: np.stack([traces[row].stress_pa for row in rows], -1)
-            for name, rows in classes.items()
-        }
-        cells = encode_afferents(stress_pa, dt_ms, parameters, start_ms, derivative)
-        for name, rows in classes.items():
-            cells_by_row |= dict(zip(rows, cells[name], strict=True))
+    for (samples, dt_ms, start_ms), classes in by_grid.items():
+        most = max(1, _BATCH_SAMPLES // samples)
+        for begin in range(0, max(map(len, classes.values())), most):
+            chosen = {
+                name: part for name, rows in classes.items() if (part := rows[begin : begin + most])
+            }
+            stress_pa = {
+                name: np.stack([traces[row].stress_pa for row in rows], -1)
+                for name, rows in chosen.items()
+            }
+            cells = encode_afferents(stress_pa, dt_ms, parameters, start_ms, derivative)
+            for name, rows in chosen.items():
+                cells_by_row |= dict(zip(rows, cells[name], strict=True))
     return [cells_by_row[row] for row in range(len(traces))]
 
 

@@ -30,6 +30,8 @@ _GAP_TOLERANCE = 0.25
 # Share of odd steps in times that are even otherwise.
 _FEW_GAPS = 0.1
 _FFT_SAMPLES = 1 << 20  # of a spectrum; a longer history is the sum of several
+# Resampled samples that take 1 GB, and those of one history whose spikes take 2 GB.
+_MANY_SAMPLES, _LONG_HISTORY, _COARSE = 1 << 27, 8_000_000, 20
 _MOST_SAMPLES = 10_000_000  # of a resampled history: 83 minutes of 0.5 ms
 
 
@@ -188,6 +190,25 @@ def resample(
     except ValueError as error:  # of 1e308, whose slope is not finite
         raise TraceError(f"values too large to resample: {np.abs(values).max():g}") from error
     return even_ms, resampled
+
+
+def check_growth(samples: int, resampled: int, longest: int) -> None:
+    """Refuse a few samples that would become gigabytes on a finer step.
+
+    `samples` are those of all histories, `resampled` what they become, `longest` what the
+    longest of them becomes. No hand is felt for so long so coarsely: times are in another unit.
+
+    Raises
+    ------
+    TraceError
+        More than `_MANY_SAMPLES`, or `_LONG_HISTORY` in one, of a step `_COARSE` times longer.
+    """
+    if resampled <= _COARSE * samples:
+        return
+    if resampled > _MANY_SAMPLES or longest > _LONG_HISTORY:
+        raise TraceError(
+            f"{samples} samples would become {resampled} by resampling: are times in another unit?"
+        )
 
 
 def doubt_of_step(values: FloatArray, dt_ms: float, step_ms: float) -> str | None:

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 import fembridge as fb
+from fembridge import simulation
 from fembridge.cli import main
 from fembridge.errors import FembridgeWarning
 from fembridge.tables import read_rates, read_spikes, read_traces
@@ -295,3 +296,18 @@ def test_a_stimulus_that_is_named_brings_its_window(here, capsys):
     words = ["--no-raster", "--stimulus", "ramp_100_200_200_200"]
     assert main(["encode", "sine_50_250.csv", *words]) == 0
     assert "rates over the whole trace" in capsys.readouterr().err
+
+
+def test_a_few_samples_that_would_become_millions_are_refused(here, refused):
+    """Times in us, taken as ms: five samples would be ten million."""
+    table = pd.DataFrame({"time_ms": 1.1e6 * np.arange(5), "afferent": "SA", "von_mises_pa": 1e4})
+    table.to_csv(here / "table.csv", index=False)
+    for words in ([], ["--resample-ms", "0.5"]):
+        refused(["encode", "table.csv", *words], "by resampling: are times in another unit?", 1)
+
+
+def test_traces_in_batches_fire_as_all_at_once(monkeypatch):
+    units = [replace(trace, unit=str(k)) for k in range(3) for trace in traces()]
+    together = fb.encode(units)
+    monkeypatch.setattr(simulation, "_BATCH_SAMPLES", 1)
+    assert fb.encode(units).equals(together)
