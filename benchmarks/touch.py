@@ -14,7 +14,7 @@ import numpy as np
 from decks.stimuli import resolve
 from decks.waveform import make_stimulus
 from fembridge.touching.contact import Contact, gaps_mm, skin_nodes
-from fembridge.touching.pad import pad_named
+from fembridge.touching.pad_file import pad_named
 from fembridge.touching.population import Population
 from fembridge.touching.shape import Shape
 from fembridge.touching.touch import touch_skin

@@ -20,7 +20,8 @@ from fembridge.solver.ccx import run_ccx
 from fembridge.store import make_folder
 from fembridge.touching.contact import Contact, skin_nodes
 from fembridge.touching.green import displacements, stress_mpa, stress_row
-from fembridge.touching.pad import COMPONENTS, Pad, pad_named
+from fembridge.touching.pad import COMPONENTS, Pad
+from fembridge.touching.pad_file import pad_named
 from fembridge.touching.shape import Shape
 from fembridge.touching.stress import influence_pa, von_mises_pa
 

@@ -13,7 +13,7 @@ from scipy.stats import norm
 import fembridge as fb
 from decks.stimuli import DT_MS
 from fembridge.touching.contact import press_to
-from fembridge.touching.pad import pad_named
+from fembridge.touching.pad_file import pad_named
 from fembridge.touching.population import ENDINGS_MM, Population
 from fembridge.touching.shape import Shape
 from fembridge.touching.stress import influence_pa, von_mises_pa

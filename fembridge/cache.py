@@ -318,7 +318,7 @@ def _open_file(folder: int, name: str) -> int:
 
 
 def _content(folder: int, name: str, limit_bytes: int) -> bytes:
-    """At most `most` bytes of a file of an open folder."""
+    """At most `limit_bytes` of a file of an open folder."""
     with open(_open_file(folder, name), "rb") as file:
         try:
             return file.read(limit_bytes)

@@ -1,4 +1,4 @@
-"""Arrays of an NPZ archive, whose shapes and sizes are known before an array is read.
+"""Arrays of NPZ archives, whose shapes and sizes are known before an array is read.
 
 ``numpy.load`` takes the memory of an array, whatever size its header states, and reads
 members that nobody asks for. Here the headers are read first, compared with the sizes in
@@ -7,11 +7,12 @@ the archive's directory and with the limit of memory, and only requested arrays 
 
 import io
 import math
+import warnings
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.lib import format as npy
@@ -35,6 +36,24 @@ class ArrayHeader(NamedTuple):
     dtype: np.dtype[Any]
 
 
+def read_array_header(stream: BinaryIO) -> ArrayHeader:
+    """Shape and type of the array in an NPY `stream`, which then stands at its first number.
+
+    Raises
+    ------
+    ValueError
+        Not the header of an NPY of version 1.0 or 2.0.
+    """
+    version = npy.read_magic(stream)
+    if version not in ((1, 0), (2, 0)):
+        raise ValueError(f"a header of version {version[0]}.{version[1]}")
+    read_header = npy.read_array_header_1_0 if version[0] == 1 else npy.read_array_header_2_0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of a header that Python 2 wrote
+        shape, _, dtype = read_header(stream)
+    return ArrayHeader(shape, dtype)
+
+
 class NpzFile(AbstractContextManager["NpzFile"]):
     """An open NPZ archive.
 
@@ -52,11 +71,11 @@ class NpzFile(AbstractContextManager["NpzFile"]):
 
     def __init__(self, path: Path, error: Callable[[str], FembridgeError]) -> None:
         self._path, self._error = path, error
-        self._packed_bytes = path.stat().st_size
         self.headers: dict[str, ArrayHeader | None] = {}
         self._members: dict[str, zipfile.ZipInfo] = {}
         self._members_read: set[str] = set()
         with self._damage():
+            self._packed_bytes = path.stat().st_size
             self._archive = zipfile.ZipFile(path)
         try:
             self._read_headers()
@@ -126,11 +145,7 @@ class NpzFile(AbstractContextManager["NpzFile"]):
             npy.MAGIC_PREFIX
         ):
             return None
-        version = npy.read_magic(start)
-        if version not in ((1, 0), (2, 0)):
-            raise ValueError(f"a header of version {version[0]}.{version[1]}")
-        read_header = npy.read_array_header_1_0 if version[0] == 1 else npy.read_array_header_2_0
-        shape, _, dtype = read_header(start)
+        shape, dtype = read_array_header(start)
         count = math.prod(shape)
         expected_bytes = start.tell() + count * dtype.itemsize
         if not dtype.hasobject and expected_bytes != member.file_size:

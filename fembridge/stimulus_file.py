@@ -34,6 +34,7 @@ from decks.stimuli import (
 from decks.waveform import make_stimulus
 from fembridge.errors import FembridgeWarning, StimulusError, TraceError, UsageError
 from fembridge.memory import check_memory
+from fembridge.npz import read_array_header
 from fembridge.number import parse_number, parse_whole_number
 from fembridge.run_folder import COLUMNS
 from fembridge.stimulus import Stimulus
@@ -336,17 +337,7 @@ def _npy(
 ) -> _Samples:
     try:
         stream = io.BytesIO(content)
-        version = np.lib.format.read_magic(stream)
-        if version not in ((1, 0), (2, 0)):
-            raise ValueError(f"version {version}")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # of a header that is damaged
-            read_header = (
-                np.lib.format.read_array_header_1_0
-                if version == (1, 0)
-                else np.lib.format.read_array_header_2_0
-            )
-            shape, _, kind = read_header(stream)
+        shape, kind = read_array_header(stream)
         if len(shape) != 1 or kind.kind not in "iuf":
             raise ValueError(f"{kind} {shape}, expected numbers (T,)")
         begin, stated = stream.tell(), shape[0] * kind.itemsize

@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.errors import FingerError, OutputError, SolverError, UsageError
     from fembridge.store import check_output, working_folder
     from fembridge.touching.green import solve_pad
-    from fembridge.touching.pad import write_pad
+    from fembridge.touching.pad_file import write_pad
 
     if args.output.suffix != ".npz":
         raise UsageError(f"{args.output}: expected a name in .npz")

@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from fembridge.plots.field import field_figure
     from fembridge.touching.field import receptive_field
-    from fembridge.touching.pad import pad_named
+    from fembridge.touching.pad_file import pad_named
 
     pad = pad_named(args.pad)
     fields = [

@@ -317,7 +317,7 @@ def _distance(table: "DataFrame", parameters: Parameters) -> "DataFrame":
     """
     from scipy.stats import norm
 
-    from fembridge.touching.pad import pad_named
+    from fembridge.touching.pad_file import pad_named
     from fembridge.touching.population import Population
     from fembridge.touching.shape import Shape
     from fembridge.touching.touch import touch_skin

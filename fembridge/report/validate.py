@@ -138,7 +138,7 @@ def validate(
     ResponseError
         A stimulus goes deeper than the response.
     """
-    from fembridge.touching.pad import pad_named
+    from fembridge.touching.pad_file import pad_named
     from fembridge.touching.stress import pad_response
 
     left_out = _left_out(observed, log)

@@ -16,7 +16,8 @@ from decks.stimuli import DT_MS
 from fembridge.errors import UsageError
 from fembridge.touching.contact import MOST_UM, press_to
 from fembridge.touching.doubts import depth_doubt, narrow_doubt, warn
-from fembridge.touching.pad import Pad, pad_named
+from fembridge.touching.pad import Pad
+from fembridge.touching.pad_file import pad_named
 from fembridge.touching.population import ENDINGS_MM, Population
 from fembridge.touching.shape import Shape
 from fembridge.touching.stress import between, driving_stress_pa

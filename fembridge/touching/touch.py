@@ -41,7 +41,8 @@ from fembridge.touching.doubts import (
     narrow_part_mm,
     warn,
 )
-from fembridge.touching.pad import Pad, pad_named
+from fembridge.touching.pad import Pad
+from fembridge.touching.pad_file import pad_named
 from fembridge.touching.population import (
     ENDINGS_MM,
     Population,

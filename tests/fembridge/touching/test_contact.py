@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from fembridge.errors import UsageError
 from fembridge.touching.contact import MOST_NODES, Contact, blas_threads, gaps_mm, skin_nodes
-from fembridge.touching.pad import pad_named
+from fembridge.touching.pad_file import pad_named
 from fembridge.touching.shape import Shape
 
 PAD = pad_named("reference")

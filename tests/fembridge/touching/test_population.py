@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.presets import QUICK
 from fembridge.errors import FembridgeError, FembridgeWarning, TableError, UsageError
-from fembridge.touching.pad import pad_named
+from fembridge.touching.pad_file import pad_named
 from fembridge.touching.population import (
     DENSITY_CM2,
     Population,

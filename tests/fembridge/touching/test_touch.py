@@ -16,7 +16,7 @@ from fembridge.errors import FembridgeWarning, TableError, UsageError
 from fembridge.response.response_map import FOLDER, read_map, write_map
 from fembridge.results.stress import von_mises_pa as tensor_von_mises
 from fembridge.touching.contact import TIP_RADIUS_MM, press_to, skin_nodes
-from fembridge.touching.pad import pad_named
+from fembridge.touching.pad_file import pad_named
 from fembridge.touching.population import Population
 from fembridge.touching.shape import Shape
 from fembridge.touching.stress import SA_NU, driving_stress_pa, pad_response, sa_stress_pa
@@ -518,7 +518,7 @@ def test_a_touch_of_twenty_thousand_units_stays_below_two_gigabytes(duration_ms)
     program = f"""
 import resource
 import numpy as np
-from fembridge.touching.pad import pad_named
+from fembridge.touching.pad_file import pad_named
 from fembridge.touching.population import Population
 from fembridge.touching.shape import Shape
 from fembridge.touching.touch import touch_skin
