@@ -16,7 +16,7 @@ import time
 import numpy as np
 
 from decks.stimuli import resolve
-from decks.waveform import make_stimulus
+from decks.synthesis import make_stimulus
 from fembridge.fitting.problem import stored_source
 from neural import encode_afferents, parameter_set
 from neural.parameter_sets import SET_NAMES

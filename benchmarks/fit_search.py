@@ -22,7 +22,7 @@ import numpy as np
 
 from decks.stimuli import resolve
 from fembridge.fitting.problem import fit_problem, stored_source
-from fembridge.observed import ObservedRates
+from fembridge.io.observed_rates import ObservedRates
 from neural.models import DEFAULT_MODELS, model_named
 from neural.search import EVALUATIONS, POPULATION, search_front
 

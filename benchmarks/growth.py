@@ -37,9 +37,9 @@ def run(case: str, size: int, folder: Path) -> None:
         rows = (line.format(k) for k in range(1, size + 1))
         write(path, _DAT_HEADER.format(0.5), rows)
     from fembridge.cli import main as fembridge
+    from fembridge.io.trace_table import read_traces
     from fembridge.results.mentat import read_plot_tables
     from fembridge.results.printed import read_point_stress
-    from fembridge.tables import read_traces
     from neural import PUBLISHED, encode
 
     cells = size if case == "membranes" else 0

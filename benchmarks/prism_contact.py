@@ -9,9 +9,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from decks.analysis import Contact
-from decks.green import Prism, prism_text
+from decks.contact_analysis import Contact
 from decks.keyword_deck import real
+from decks.unit_loads import Prism, prism_text
 from fembridge.typing import FloatArray
 
 PROBE_SET = "PROBE"

@@ -241,8 +241,8 @@ JOBS = {
     "fields_float64": Job("fembridge", "STRESS", "float64", ours_fields, ("STRESS",)),
     "read_float64": Job("`read()`", "into memory", "float64", whole_read),
     "pass_float64": Job("`readinto()`", "one block", "float64", passing_read),
-    "list": Job("fembridge", "what is in it", "ascii", ours_list),
-    "list_float32": Job("fembridge", "what is in it", "float32", ours_list),
+    "list": Job("fembridge", "list of contents", "ascii", ours_list),
+    "list_float32": Job("fembridge", "list of contents", "float32", ours_list),
     "list_command": Job("fembridge", "`ingest --list`", "ascii", list_command),
 }
 

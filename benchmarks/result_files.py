@@ -197,7 +197,7 @@ def _solved(folder: Path, deck: str) -> Path:
 
 STORAGES = {"ascii": 1, "float32": 2, "float64": 3}
 ABOUT = "files.json"
-LAYOUT = 1  # of what is in it: files made by another program are made anew
+LAYOUT = 1  # layout of the files: another number makes those of other programs again
 SHORT_INCREMENTS = 10
 WARMING_INCREMENTS = 2
 PROBED_NODES = 5

@@ -124,11 +124,11 @@ def report(rounds: Rounds, held: Held, facts: Mapping[str, Any]) -> str:
     parts = [
         f"{size_mb:.0f} MB in ASCII, {held['increments']['ascii']} increments of "
         f"{held['mesh_nodes']} nodes ({held['origin']}); "
-        f"{turns}, each "
-        "reader in a fresh process, in turn, with the file in the page cache. Where "
-        "a cell has three numbers, they are the median, the least and the most. "
+        f"{turns}; the readers alternate, each in a new process, with the file in the page "
+        "cache. Three numbers in a cell are median, minimum and maximum. "
         "pyvista-frd-reader and ccx2paraview also derive von Mises and principal "
-        "stress, as our .vtu hold, and ccx2paraview writes files; neither can be asked not to.",
+        "stress, as our .vtu hold, and ccx2paraview writes files; neither has an option to "
+        "omit this.",
         "; ".join(f"{name} {value}" for name, value in facts.items()) + ".",
     ]
     if size_mb < GOALS_FROM_MB:
@@ -146,7 +146,7 @@ def peak_mb(rounds: Rounds, name: str) -> float:
 
 
 def _ratios(rounds: Rounds, held: Held) -> str:
-    lines = ["| ratio | by the clock | by processor time | goal | |", "|---|---|---|---|---|"]
+    lines = ["| ratio | wall time | CPU time | goal | |", "|---|---|---|---|---|"]
     for ratio in RATIOS:
         goal = "" if ratio.goal is None else f"≥ {ratio.goal:g}"
         if ratio.theirs not in rounds:

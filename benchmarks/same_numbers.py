@@ -113,7 +113,7 @@ def file_cases(label: str, path: Path, folder: Path) -> Iterator[Case]:
             yield f"{label}/node{node}_{k}", ["ingest", file, *words]
     partial = ["--node", *nodes, "--partial", "--json", "-o", "out.csv"]
     yield f"{label}/nodes_partial", ["ingest", file, *partial]
-    yield f"{label}/near", ["ingest", file, "--near=0.1,-0.2", "--json", "-o", "out.csv"]
+    yield f"{label}/near", ["ingest", file, "--near-mm=0.1,-0.2", "--json", "-o", "out.csv"]
     for quantity in dict.fromkeys(q["name"] for q in held.get("quantities", [])):
         tail = quantity.lower().replace(" ", "_")
         words = ["--field", quantity, "--json", "-o", "out.npz"]

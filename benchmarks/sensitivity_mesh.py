@@ -17,10 +17,10 @@ from pathlib import Path
 
 from decks.finger import Finger, Resolution
 from decks.presets import QUICK, model_of
-from fembridge.report.study import Runs, indent
-from fembridge.sensitivity import parameter_words
+from fembridge.io.formatting import number
+from fembridge.reporting.verification_runs import Runs, indent
+from fembridge.sensitivity.wording import parameter_words
 from fembridge.sweeps import Variant, read_study
-from fembridge.words import number
 
 
 def finer(resolution: Resolution) -> Resolution:

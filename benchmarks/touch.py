@@ -12,18 +12,18 @@ from statistics import median
 import numpy as np
 
 from decks.stimuli import resolve
-from decks.waveform import make_stimulus
-from fembridge.touching.contact import Contact, gaps_mm, skin_nodes
-from fembridge.touching.pad_file import pad_named
+from decks.synthesis import make_stimulus
+from fembridge.touching.contact import ContactSolver
+from fembridge.touching.pad_file import resolve_pad
 from fembridge.touching.population import Population
 from fembridge.touching.shape import Shape
 from fembridge.touching.touch import touch_skin
-from fembridge.touching.way import Pins, Way
+from fembridge.touching.trajectory import PinArray, Trajectory
 from neural import parameter_set
 
 REPEATS = int(sys.argv[1]) if len(sys.argv) > 1 else 3
-PAD = pad_named("reference")
-PARAMETERS = parameter_set("fitted_pad").parameters
+PAD = resolve_pad("reference")
+PARAMETERS = parameter_set("fitted_pad")
 UNITS_958 = Population.fingertip(density=958 / 888)
 
 
@@ -49,30 +49,33 @@ def pin_array(count):
     x = (np.arange(count) % across - 0.5 * (across - 1)) * 0.5
     z = (np.arange(count) // across - 0.5 * (np.ceil(count / across) - 1)) * 0.5
     depth = np.repeat(stimulus.displacement_um[:, None], count, axis=1)
-    places = tuple(zip(x.tolist(), z.tolist(), [0.5] * count, strict=True))
-    pins = Pins(places, depth)
-    return None, Way.of_pins(pins, stimulus.dt_ms, stimulus.window_ms)
+    positions = tuple(zip(x.tolist(), z.tolist(), [0.5] * count, strict=True))
+    pins = PinArray(positions, depth)
+    trajectory = Trajectory(
+        depth.max(axis=1), window_ms=stimulus.window_ms, name=f"{count} pins", pins=pins
+    )
+    return None, trajectory
 
 
-def touched(shape, way, units=UNITS_958):
-    return lambda: touch_skin(PAD, shape, way, units, PARAMETERS)
+def touched(shape, trajectory, units=UNITS_958):
+    return lambda: touch_skin(PAD, shape, trajectory, units, PARAMETERS)
 
 
 def contact_table():
     print("\ncontact nodes   ms a step (warm)   ms the first time")
-    nodes = skin_nodes(PAD)
-    gap = gaps_mm(nodes, Shape.grating(0.5, 1.5))
+    nodes = PAD.skin_nodes()
+    gap = nodes.gaps_mm(Shape.grating(0.5, 1.5))
     for force in (0.1, 0.3, 0.6, 1.0, 1.6):
         near = gap < gap.min() + 0.35 + 0.7 * force
         some = nodes.subset(near)
-        contact = Contact.of(some)
+        contact = ContactSolver.on_nodes(some)
         shapes = [Shape.grating(0.5, 1.5).moved(0.0, 0.02 * k) for k in range(40)]
         begin = time.process_time()
-        pressed = contact.press_with(gaps_mm(some, shapes[0]), force)[0]
+        pressed = contact.press_with(some.gaps_mm(shapes[0]), force)[0]
         first = time.process_time() - begin
         taken = []
         for shape in shapes[1:]:
-            here = gaps_mm(some, shape)
+            here = some.gaps_mm(shape)
             begin = time.process_time()
             pressed = contact.press_with(here, force)[0]
             taken.append(time.process_time() - begin)
@@ -108,8 +111,8 @@ def touchsim_table():
 
 def main():
     print(f"{len(UNITS_958)} afferents, seconds of processor")
-    sine = Way.of_stimulus(wave("sine_20_129.49"))
-    scan = Way.slide(40.0, press_um=300, duration_ms=1000)
+    sine = Trajectory.from_waveform(wave("sine_20_129.49"))
+    scan = Trajectory.slide(40.0, press_um=300, duration_ms=1000)
     for name, job in (
         ("one pin, 250 ms", touched(Shape.punch(1.0), sine)),
         ("a bar of 1 x 8 mm, 250 ms", touched(Shape.bar(1.0, 8.0), sine)),
@@ -127,8 +130,8 @@ def main():
         print(f"{len(units):6d}{seconds(touched(Shape.punch(1.0), sine, units)):10.2f}")
     print("\nsteps     s (dots, scanned)")
     for duration in (250, 500, 1000, 2000):
-        way = Way.slide(40.0, press_um=300, duration_ms=duration)
-        print(f"{way.pressed.size:6d}{seconds(touched(Shape.dots(2.0), way)):10.2f}")
+        trajectory = Trajectory.slide(40.0, press_um=300, duration_ms=duration)
+        print(f"{trajectory.level.size:6d}{seconds(touched(Shape.dots(2.0), trajectory)):10.2f}")
     contact_table()
 
 

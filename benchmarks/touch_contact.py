@@ -11,19 +11,19 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.prism_contact import PROBE_SET, contact_deck
-from decks.analysis import Contact as PenaltyContact
-from decks.green import PadMesh, Prism, prism_of
+from decks.contact_analysis import ContactSolver as PenaltyContact
+from decks.unit_loads import PadMesh, Prism, prism_of
+from fembridge.host.store import make_folder
+from fembridge.io.run_folder import RunFolder
 from fembridge.results import read_fields
 from fembridge.results.printed import read_node_print
-from fembridge.run_folder import RunFolder
 from fembridge.solver.ccx import run_ccx
-from fembridge.store import make_folder
-from fembridge.touching.contact import Contact, skin_nodes
+from fembridge.touching.contact import ContactSolver
 from fembridge.touching.green import displacements, stress_mpa, stress_row
 from fembridge.touching.pad import COMPONENTS, Pad
-from fembridge.touching.pad_file import pad_named
+from fembridge.touching.pad_file import resolve_pad
 from fembridge.touching.shape import Shape
-from fembridge.touching.stress import influence_pa, von_mises_pa
+from fembridge.touching.stress import von_mises_pa
 
 DEPTHS_MM = (0.1, 0.2)
 STEP_MM = 0.0625
@@ -36,7 +36,7 @@ def main() -> None:
 
 
 def compare(name: str, out: Path, *, large_strain: bool) -> None:
-    pad = pad_named("reference")
+    pad = resolve_pad("reference")
     prism = prism_of(pad.finger, PadMesh(**pad.origin["mesh"]))
     if name == "punch":
         shape = Shape.punch(1.0)
@@ -67,11 +67,11 @@ def fields(run: RunFolder, prism: Prism):
 
 
 def report(name, pad: Pad, prism: Prism, shape: Shape, depth, moved, total) -> None:
-    nodes = skin_nodes(pad)
+    nodes = pad.skin_nodes()
     gap = shape.height_mm(nodes.x_mm, nodes.z_mm) - pad.y_mm[nodes.column]
     near = gap < depth
     nodes, gap = nodes.subset(near), gap[near]
-    forces = Contact.of(nodes).press(depth - gap)
+    forces = ContactSolver.on_nodes(nodes).press(depth - gap)
     print(f"{name} {depth * 1000:.0f} um: force {forces.sum():.4f} N, CalculiX {total:.4f} N")
     for layer, row_in_layer in (("epidermis", 2), ("epidermis", 1), ("subcutaneous_tissue", 0)):
         row = int(prism.layer_rows(layer)[row_in_layer])
@@ -82,7 +82,7 @@ def report(name, pad: Pad, prism: Prism, shape: Shape, depth, moved, total) -> N
             x = float(np.interp(where.arc_mm[column], section.arc_mm, section.point_mm[:, 0]))
             z = float(pad.stress_z_mm[slice_])
             place = np.array([x]), np.array([z]), np.array([where.depth_mm[column]])
-            ours = von_mises_pa(influence_pa(pad, nodes, np.array([layer]), *place), forces[None])[
+            ours = von_mises_pa(pad.influence_pa(nodes, np.array([layer]), *place), forces[None])[
                 0, 0
             ]
             theirs = von_mises_pa(own[:, column, slice_][:, None, None], np.ones((1, 1)))[0, 0]

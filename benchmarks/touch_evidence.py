@@ -13,16 +13,16 @@ from scipy.stats import norm
 import fembridge as fb
 from decks.stimuli import DT_MS
 from fembridge.touching.contact import press_to
-from fembridge.touching.pad_file import pad_named
+from fembridge.touching.pad_file import resolve_pad
 from fembridge.touching.population import ENDINGS_MM, Population
 from fembridge.touching.shape import Shape
-from fembridge.touching.stress import influence_pa, von_mises_pa
+from fembridge.touching.stress import von_mises_pa
 from fembridge.touching.touch import touch_skin
-from fembridge.touching.way import Way
+from fembridge.touching.trajectory import Trajectory
 from neural import parameter_set
 
-PAD = pad_named("reference")
-PARAMETERS = parameter_set("fitted_pad").parameters
+PAD = resolve_pad("reference")
+PARAMETERS = parameter_set("fitted_pad")
 # mm and um, read from the figure: RA at 40 Hz, probe radius 1 mm, pre-indented by 0.55 mm.
 JOHNSON = (
     (0.25, 44), (0.75, 52), (1.27, 35), (1.78, 36), (2.30, 55), (2.82, 79), (3.34, 134),
@@ -70,8 +70,10 @@ def distance(probe_mm=2.0, preindent_um=550.0, endings_mm=ENDINGS_MM, deviate=0.
     amplitudes = np.geomspace(15, 900, 40)
     counts = []
     for amplitude in amplitudes:
-        way = Way("sine", DT_MS, (50.0, 250.0), preindent_um + amplitude * sine)
-        touched = touch_skin(PAD, Shape.punch(probe_mm), way, units, PARAMETERS)
+        trajectory = Trajectory(
+            preindent_um + amplitude * sine, dt_ms=DT_MS, window_ms=(50.0, 250.0), name="sine"
+        )
+        touched = touch_skin(PAD, Shape.punch(probe_mm), trajectory, units, PARAMETERS)
         counts.append(touched.rate_ips / 40)
     reached = np.array(counts) >= 0.99
     needed = np.where(reached.any(axis=0), amplitudes[reached.argmax(axis=0)], np.inf)
@@ -89,7 +91,7 @@ def decay():
     apart = np.abs(nodes.row[:, None] - np.round(z / PAD.spacing_mm).astype(int))
     down = 1000 * forces @ PAD.lattice_compliance[1][nodes.column[:, None], middle, apart]
     places = np.full(z.size, site.layer), 0 * z, z, np.full(z.size, site.depth_mm)
-    stress = von_mises_pa(influence_pa(PAD, nodes, *places), forces)
+    stress = von_mises_pa(PAD.influence_pa(nodes, *places), forces)
     for name, values in (("depth (um)", down), ("stress at RA (Pa)", stress)):
         slopes = np.diff(values, axis=0)[0] / np.ptp(depth_um)
         print(
@@ -106,12 +108,12 @@ def bars(sa_von_mises=False, endings_mm=ENDINGS_MM, pad=PAD):
     units = Population.line(step_mm, 4.0, axis, ("SA",), finger=pad.finger)
     units = replace(units, sa_von_mises=sa_von_mises, endings_mm=endings_mm)
     shown = getattr(units, f"{axis}_mm") >= 0
-    parameters = parameter_set("fitted" if plane else "fitted_pad").parameters
+    parameters = parameter_set("fitted" if plane else "fitted_pad")
     for width in (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0):
         lines = []
         for shape in (Shape.bar(width, 14.0), Shape.grating(width, 4.0, relief_mm=2.0)):
             turned = shape.rotated(90.0 if plane else 0.0)
-            held = touch_skin(pad, turned, Way.hold(press_um=1000), units, parameters)
+            held = touch_skin(pad, turned, Trajectory.press(press_um=1000), units, parameters)
             lines.append(" ".join(f"{rate:.0f}" for rate in held.rate_ips[shown][:17]))
         print(f"  {width:g} mm wide:", " | ".join(lines))
 
@@ -123,8 +125,8 @@ def dots(press_n=0.3):
     afferent = np.repeat(["SA", "RA", "PC"], 11).tolist()
     units = Population.at(afferent, np.zeros(33), np.zeros(33), deviate=deviate)
     for spacing in (1.0, 1.5, 2.0, 3.0, 4.0, 6.0):
-        way = Way.slide(40.0, press_n=press_n, duration_ms=900)
-        scanned = touch_skin(PAD, Shape.dots(spacing), way, units, PARAMETERS)
+        trajectory = Trajectory.slide(40.0, press_n=press_n, duration_ms=900)
+        scanned = touch_skin(PAD, Shape.dots(spacing), trajectory, units, PARAMETERS)
         each = np.bincount(scanned.fired.unit, minlength=33).reshape(3, 11) * spacing / 36.0
         pairs = zip(("SA", "RA", "PC"), each[:, 0], each[:, 1:].mean(axis=1), strict=True)
         print(
@@ -142,6 +144,6 @@ if __name__ == "__main__":
     bars()
     bars(endings_mm=0.0)
     bars(sa_von_mises=True)
-    bars(pad=pad_named("plane"))
+    bars(pad=resolve_pad("plane"))
     dots()
     dots(press_n=0.6)

@@ -20,15 +20,15 @@ from pathlib import Path
 
 import numpy as np
 
-from decks.analysis import Model
+from decks.contact_analysis import Model
 from decks.presets import PRESETS, model_of
-from fembridge.build import build_run_folder
+from fembridge.host.store import write_text
+from fembridge.io.run_folder import RunFolder
 from fembridge.results import read
-from fembridge.run_folder import RunFolder
+from fembridge.solver.build import build_run_folder
 from fembridge.solver.ccx import run_ccx
-from fembridge.solver.settings import SolverSettings
+from fembridge.solver.settings import Solver
 from fembridge.stimulus import Stimulus
-from fembridge.store import write_text
 from fembridge.typing import FloatArray
 
 INCREMENTS = 40
@@ -106,7 +106,7 @@ def build(folder: Path, model: Model, way: Way, increments: int) -> RunFolder:
 def solve(run: RunFolder, threads: int) -> Solved:
     """Run the solver: it ends before the next begins, so its time is the children's."""
     before_s = _children_s()
-    outcome = run_ccx(run, SolverSettings(threads=threads))
+    outcome = run_ccx(run, Solver(threads=threads))
     cpu_s = _children_s() - before_s
     stress_pa = None
     if outcome.accepted:

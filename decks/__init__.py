@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING, Any
 from decks.dialects import DIALECTS, DeckOptions
 
 if TYPE_CHECKING:
-    from decks.analysis import Analysis, Contact, Model
+    from decks.contact_analysis import Contact, ContactAnalysis, Model
     from decks.finger import Finger
-    from decks.own_model.inp import rebase_inp
+    from decks.own_model.inp_deck import rebase_inp
     from decks.presets import PRESETS, mesh_of, read_finger
     from decks.probe import Probe
     from decks.stimuli import CATALOGUE, resolve
-    from decks.waveform import make_stimulus
+    from decks.synthesis import make_stimulus
 
 __all__ = [
     "CATALOGUE",
     "DIALECTS",
     "PRESETS",
-    "Analysis",
     "Contact",
+    "ContactAnalysis",
     "DeckOptions",
     "Finger",
     "Model",
@@ -37,13 +37,13 @@ __all__ = [
 _MODULES = {
     name: module
     for module, names in {
-        "analysis": ("Analysis", "Contact", "Model"),
+        "contact_analysis": ("ContactAnalysis", "Contact", "Model"),
         "finger": ("Finger",),
-        "own_model.inp": ("rebase_inp",),
+        "own_model.inp_deck": ("rebase_inp",),
         "presets": ("PRESETS", "mesh_of", "read_finger"),
         "probe": ("Probe",),
         "stimuli": ("CATALOGUE", "resolve"),
-        "waveform": ("make_stimulus",),
+        "synthesis": ("make_stimulus",),
     }.items()
     for name in names
 }

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from decks.analysis import Analysis, ElementSet
+from decks.contact_analysis import ContactAnalysis, ElementSet
 from decks.dialects import DeckOptions
 from decks.finger import Material
 from decks.keyword_deck import keyword_deck
@@ -23,7 +23,7 @@ from fembridge.errors import DeckError, UsageError
 NO_MASS_KG_M3 = 1.0
 
 
-def calculix_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> str:  # noqa: B008 - frozen
+def calculix_deck(analysis: ContactAnalysis, options: DeckOptions = DeckOptions()) -> str:  # noqa: B008 - frozen
     """Write `analysis` as a deck for ccx 2.20.
 
     Results at the watched nodes are float64; as "text" ccx writes ASCII, whose six
@@ -38,7 +38,11 @@ def calculix_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> s
         Frames are requested together with inertia.
     """
     if options.frames > 1 and analysis.inertia:
-        raise UsageError("frames: only 1 is possible with inertia: a new step would jolt the skin")
+        raise UsageError(
+            argument="frames",
+            found=options.frames,
+            expected="1 with inertia: a new step would jolt the skin",
+        )
     first = int(analysis.probe.number.max()) + 1
     creep_branches = branches(analysis.layers, first, analysis.motion.phases[-1].dt_s)
     on_axis = np.isin(analysis.contact_node, analysis.axis)
@@ -47,6 +51,7 @@ def calculix_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> s
         analysis,
         [lasting(layer) for layer in (*analysis.layers, analysis.probe)],
         list(_steps(analysis.motion, options.frames)),
+        abaqus=False,
         binary=options.results != "text",
         branches=creep_branches,
         # Numbers beyond those of finger, probe and branches.
@@ -65,10 +70,10 @@ def _steps(motion: Motion, frames: int) -> Iterator[tuple[Phase, bool]]:
         yield from ((phase, frames == 1) for phase in motion.phases)
         return
     yield from ((phase, False) for phase in before)
-    count, rest = divmod(waveform.increments, frames * waveform.every)
+    count, rest = divmod(waveform.increments, frames * waveform.sample_increments)
     for _ in range(count):
-        yield replace(waveform, increments=(frames - 1) * waveform.every), False
-        yield replace(waveform, increments=waveform.every), True
+        yield replace(waveform, increments=(frames - 1) * waveform.sample_increments), False
+        yield replace(waveform, increments=waveform.sample_increments), True
     if rest:
         yield replace(waveform, increments=rest), False
 
@@ -91,8 +96,7 @@ def lasting(section: ElementSet) -> ElementSet:
     if not values.prony:
         return section
     young_mpa = values.lasting_share * values.young_mpa
-    lasting_material = Material(young_mpa, values.poisson, density_kg_m3=values.density_kg_m3)
-    return replace(section, material=lasting_material)
+    return replace(section, material=replace(values, young_mpa=young_mpa, prony=()))
 
 
 def branches(
@@ -107,9 +111,15 @@ def branches(
             shear_mpa = term.g * values.shear_mpa * grown * term.tau_s / dt_s
             bulk_mpa = term.g * values.bulk_mpa
             if not 2 * shear_mpa <= 3 * bulk_mpa:  # Poisson's ratio of the branch below 0
+                expected = (
+                    f"the time step, {dt_s:g} s, or more, and of a Poisson's ratio as small as "
+                    f"{values.poisson:g} more"
+                )
                 raise DeckError(
-                    f"{layer.name}: tau_s is {term.tau_s:g}, expected the time step, {dt_s:g} s, "
-                    f"or more, and of a Poisson's ratio as small as {values.poisson:g} more"
+                    f"of {layer.name} is {term.tau_s:g}, expected {expected}",
+                    argument="tau_s",
+                    found=term.tau_s,
+                    expected=expected,
                 )
             young_mpa = 9 * bulk_mpa * shear_mpa / (3 * bulk_mpa + shear_mpa)
             poisson = young_mpa / (2 * shear_mpa) - 1

@@ -1,6 +1,6 @@
 """Deck dialects by name: solver, files and elements.
 
-A dialect is one module with a function from `decks.analysis.Analysis` to the text
+A dialect is one module with a function from `decks.contact_analysis.ContactAnalysis` to the text
 of a deck; it is imported when a deck of it is written.
 """
 
@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
+from numbers import Integral
 from typing import TYPE_CHECKING
 
 from fembridge.errors import DeckError, UsageError
@@ -15,15 +16,20 @@ from fembridge.errors import DeckError, UsageError
 if TYPE_CHECKING:
     from jinja2 import Template
 
-    from decks.analysis import Analysis
+    from decks.contact_analysis import ContactAnalysis
+
 
 JOB = "job"
 # Suffix of the deck that the procedure for Mentat writes.
 REWRITTEN = "_s2s"
+# Material laws at large strain; at small strain both are Hooke's law.
+LAWS = ("linear", "neo-hookean")
 # Formats of the results that a deck requests.
 RESULTS = ("binary", "text", "both")
 # Increments of a base deck: one per sample, or smaller ones chosen by the solver.
 INCREMENTS = ("fixed", "automatic")
+SHELL_FACES = ("bottom", "middle", "top")
+"""Layers of a shell whose stress CalculiX writes; the normal points from bottom to top."""
 # Whether Marc's probe is a curve, or elements whose nodes are prescribed.
 PROBES = ("rigid", "meshed")
 
@@ -47,13 +53,13 @@ class Dialect:
     `deck` and `results` are names of files in a run folder; the first existing file of
     `results` contains the stresses. `result_kinds` and `probes` are the supported values of
     `DeckOptions`, the default first. `contact` are the supported fields of
-    `decks.analysis.Contact`. `elements` maps our (Abaqus's) name of an element to the name of
-    the solver. `how_to_run` is an instruction for solvers that fembridge cannot run. `target`
-    is ``module:function``; it is called with ``(analysis, options)``, returns the text of the
-    deck and refuses an analysis that it cannot express. `extra_files` maps names of further
-    files to their targets. `springs` is whether a spring-driven probe and a half section are
-    supported, `branches` whether relaxing skin is written as Maxwell branches, and `frames`
-    whether results at all nodes can be requested at intervals.
+    `decks.contact_analysis.Contact`. `elements` maps our (Abaqus's) name of an element to the
+    name of the solver. `how_to_run` is an instruction for solvers that fembridge cannot run.
+    `target` is ``module:function``; it is called with ``(analysis, options)``, returns the text
+    of the deck and refuses an analysis that it cannot express. `extra_files` maps names of
+    further files to their targets. `springs` is whether a spring-driven probe and a half
+    section are supported, `branches` whether relaxing skin is written as Maxwell branches, and
+    `frames` whether results at all nodes can be requested at intervals.
     """
 
     name: str
@@ -76,13 +82,13 @@ class Dialect:
         for element, solver_element in self.elements.items():
             if name.upper() in (element, solver_element):
                 return element
-        choices = ", ".join(
+        expected = "one of " + ", ".join(
             element if element == solver_element else f"{solver_element} ({element})"
             for element, solver_element in self.elements.items()
         )
-        raise DeckError(f"{self.name} has no element {name!r}, expected one of {choices}")
+        raise DeckError(argument="element", found=name, expected=f"{expected} for {self.name}")
 
-    def write(self, analysis: "Analysis", options: DeckOptions) -> dict[str, str]:
+    def write(self, analysis: "ContactAnalysis", options: DeckOptions) -> dict[str, str]:
         """The text of each file: the deck and its extra files.
 
         Raises
@@ -92,17 +98,21 @@ class Dialect:
         """
         self.element_named(analysis.element)
         values = dict[str, str]()
-        for option, choices in (("results", self.result_kinds), ("probe", self.probes)):
+        for option, argument, choices in (
+            ("results", "results", self.result_kinds),
+            ("probe", "probe_body", self.probes),
+        ):
             value = values[option] = getattr(options, option) or choices[0]
             if value not in choices:
-                raise UsageError(
-                    f"a deck for {self.name} has no {option} {value!r}, "
-                    f"expected {' or '.join(choices)}"
-                )
-        if options.frames < 0:
-            raise UsageError(f"frames is {options.frames}, expected 1 or more samples")
+                expected = f"{' or '.join(choices)} in a deck for {self.name}"
+                raise UsageError(argument=argument, found=value, expected=expected)
+        if not isinstance(options.frames, Integral) or options.frames < 0:
+            raise UsageError(argument="frames", found=options.frames, expected="0 or more samples")
         if options.frames and not self.frames:
-            raise UsageError(f"a deck for {self.name} has results at all nodes, at every sample")
+            raise UsageError(
+                f"has no effect: a deck for {self.name} has results at all nodes, at every sample",
+                argument="frames",
+            )
         resolved, files = DeckOptions(**values, frames=options.frames), dict[str, str]()
         for name, target in {self.deck: self.target, **self.extra_files}.items():
             module, _, function = target.partition(":")
@@ -167,7 +177,7 @@ def dialect_of(solver: str) -> Dialect:
 def dialect_named(name: str) -> Dialect:
     """The dialect `name`."""
     if name not in DIALECTS:
-        raise DeckError(f"no deck dialect {name!r}, expected {', '.join(DIALECTS)}")
+        raise DeckError(argument="target", found=name, expected=f"one of {', '.join(DIALECTS)}")
     return DIALECTS[name]
 
 

@@ -26,7 +26,7 @@ from pathlib import Path
 from string import ascii_lowercase, ascii_uppercase
 
 from fembridge.errors import DeckError
-from fembridge.store import MAX_DECK_BYTES, read_bytes
+from fembridge.host.store import MAX_DECK_BYTES, read_bytes
 
 Resolver = Callable[[str], bytes | None]
 """Bytes of a file by the name under which the deck includes it; None: it is absent."""
@@ -254,7 +254,7 @@ def read_inp(data: bytes, *, abaqus: bool = False, resolver: Resolver | None = N
     return Deck(tuple(reader.blocks), tuple(reader.inclusions))
 
 
-def beside(path: Path) -> Resolver:
+def folder_resolver(path: Path) -> Resolver:
     """Resolver of included files: by name, in the folder of the deck at `path`."""
 
     def resolve(name: str) -> bytes | None:

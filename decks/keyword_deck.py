@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from decks.analysis import Analysis, ElementSet
+from decks.contact_analysis import ContactAnalysis, ElementSet
 from decks.dialects import DeckOptions, template
 from decks.motion import Phase
 from fembridge.typing import FloatArray, IntArray
@@ -58,6 +58,19 @@ def list_lines(numbers: Sequence[int] | IntArray) -> str:
     return "\n".join(f"{', '.join(texts[start : start + _PER_LINE])}," for start in starts)
 
 
+def numbers_line(numbers: Iterable[float]) -> str:
+    """Numbers in one line."""
+    return ", ".join(map(real, numbers))
+
+
+def axis_lines(elements: Sequence[int] | IntArray, tangent: FloatArray) -> str:
+    """Local axes of elements in the plane: the points `tangent` ``(E, 2)`` and a right angle on."""
+    rows = zip(np.asarray(elements).tolist(), (tangent + 0.0).tolist(), strict=True)
+    return "\n".join(
+        f"{number}, {x:.9f}, {y:.9f}, 0.0, {0.0 - y:.9f}, {x:.9f}, 0.0" for number, (x, y) in rows
+    )
+
+
 def pair_lines(pairs: Iterable[tuple[str, str]]) -> str:
     """Lines of times and values, as in an amplitude."""
     texts = list(chain.from_iterable(pairs))
@@ -70,7 +83,7 @@ def pair_lines(pairs: Iterable[tuple[str, str]]) -> str:
 
 def keyword_deck(
     template_name: str,
-    model: Analysis,
+    model: ContactAnalysis,
     sections: Sequence[ElementSet],
     steps: Sequence[tuple[Phase, bool]],
     branches: Sequence[tuple[ElementSet, float]] = (),
@@ -108,7 +121,7 @@ def keyword_deck(
     )
 
 
-def abaqus_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> str:  # noqa: B008 - frozen
+def abaqus_deck(analysis: ContactAnalysis, options: DeckOptions = DeckOptions()) -> str:  # noqa: B008 - frozen
     """Write `analysis` as a deck for Abaqus/Standard.
 
     Displacement and stress go to the ``.odb`` in every increment; von Mises
@@ -125,7 +138,13 @@ def abaqus_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> str
     steps = [(phase, False) for phase in model.motion.phases]
     sections = (*model.layers, model.probe)
     return keyword_deck(
-        "abaqus.inp.j2", model, sections, steps, around=around, frames=options.frames
+        "abaqus.inp.j2",
+        model,
+        sections,
+        steps,
+        abaqus=True,
+        around=around,
+        frames=options.frames,
     )
 
 
@@ -135,6 +154,8 @@ LINES = {
     "node_lines": node_lines,
     "element_lines": element_lines,
     "list_lines": list_lines,
+    "numbers_line": numbers_line,
+    "axis_lines": axis_lines,
     "t_per_mm3": 1.0e-12,  # in one kg/m3
 }
 """Functions and factors with which the templates write numbers."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from decks.finger import LAYERS, AfferentSite
 from fembridge.errors import FingerError
-from fembridge.store import replacing
+from fembridge.host.store import replacing
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 # Coordinates are stored to a picometre: below what arithmetic differs by
@@ -96,14 +96,20 @@ class Mesh:
         inside = self.in_layer(site.layer)
         rows = np.setdiff1d(self.quad[inside], self.quad[~inside])
         if not rows.size:
-            raise FingerError(f"no node lies inside {site.layer}: use more rows there")
+            raise FingerError(
+                f"has no node inside {site.layer}: use more rows there",
+                argument="resolution",
+                found=site.layer,
+            )
         site_mm = np.array([site.x_mm, -site.depth_mm])
         distance_mm = np.linalg.norm(self.node_mm[rows] - site_mm, axis=1)
         nearest = int(distance_mm.argmin())
         if distance_mm[nearest] > 0.3:
             raise FingerError(
                 f"the node of {site.layer} nearest ({site.x_mm:g}, {-site.depth_mm:g}) "
-                f"mm is {distance_mm[nearest]:.2f} mm away, expected within 0.3 mm"
+                f"mm is {distance_mm[nearest]:.2f} mm away, expected within 0.3 mm",
+                found=float(distance_mm[nearest]),
+                expected="within 0.3 mm",
             )
         return int(rows[nearest])
 
@@ -159,7 +165,7 @@ def read_mesh(path: Path) -> Mesh:
             arrays = [stored[name] for name in ("node_mm", "quad", "layer")]
         return Mesh(*arrays)
     except _DAMAGE as error:
-        raise FingerError(f"{path}: not a stored mesh: {error}") from error
+        raise FingerError(f"not a stored mesh: {error}", path) from error
 
 
 def scaled_jacobian(node_mm: FloatArray, quad: IntArray) -> FloatArray:

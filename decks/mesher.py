@@ -14,7 +14,7 @@ the finger alone, and the caller keeps its signals.
 import ctypes
 import math
 import signal
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -79,8 +79,11 @@ def mesh_finger(finger: Finger) -> Mesh:
     count = _expected_elements(section)
     if count > MAX_ELEMENTS:
         raise FingerError(
-            f"this resolution makes about {count:.0f} elements, expected at most "
-            f"{MAX_ELEMENTS}: use wider columns or fewer rows"
+            f"makes about {count:.0f} elements, expected at most {MAX_ELEMENTS}: use wider columns "
+            "or fewer rows",
+            argument="resolution",
+            found=round(count),
+            expected=f"at most {MAX_ELEMENTS} elements",
         )
     problem = ""
     for stretch in _STRETCHES:
@@ -92,7 +95,7 @@ def mesh_finger(finger: Finger) -> Mesh:
 
 
 def _mesh(section: Section, stretch: float) -> Mesh:
-    with _gmsh_session() as (geometry, gmsh):
+    with gmsh_session(_OPTIONS) as (geometry, gmsh):
         surfaces = _draw(geometry, section, section.finger.resolution.far_mm * stretch)
         geometry.generate_mesh(dim=2, algorithm=8)
         gmsh.model.mesh.optimize("UntangleMeshGeometry", niter=10)
@@ -344,8 +347,16 @@ def mirrored(half: Mesh) -> Mesh:
 
 
 @contextmanager
-def _gmsh_session() -> Iterator[tuple[Any, Any]]:
-    """Pygmsh's geometry and the gmsh module; gmsh is closed at the end."""
+def gmsh_session(options: Mapping[str, int]) -> Iterator[tuple[Any, Any]]:
+    """Pygmsh's geometry and the gmsh module under `options`; gmsh is closed at the end.
+
+    Raises
+    ------
+    MissingError
+        gmsh or one of the system's libraries that it opens is not installed.
+    FingerError
+        gmsh is in use by the caller, or cannot mesh.
+    """
     try:
         import gmsh
         import pygmsh
@@ -360,7 +371,7 @@ def _gmsh_session() -> Iterator[tuple[Any, Any]]:
     with _signals_kept():
         gmsh.initialize([], readConfigFiles=False, interruptible=False)
     try:
-        for option, value in _OPTIONS.items():
+        for option, value in options.items():
             gmsh.option.setNumber(option, value)
         gmsh.model.add("finger")
         yield pygmsh.geo.Geometry(), gmsh

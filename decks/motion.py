@@ -6,6 +6,8 @@ begins. With inertia, the ramp is smooth and in the same step, and increments ar
 long: the error of the force was an eighth with whole samples and a sixtieth with half (100 Hz).
 """
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +22,9 @@ RAMP_INCREMENTS = 20
 # branch in each of them, after four 0.8 per thousand.
 HOLD_INCREMENTS = 4
 _HOLD_TIME_CONSTANTS = 5.0
+# An increment is at most so many of the shortest time constant: ccx 2.20 converged at 500 of 1 ms
+# and diverged at 5000. A hold for a much longer constant then has more increments.
+_MOST_SHORTEST = 400.0
 # With inertia: samples of the smooth ramp, and increments per sample.
 SMOOTH_RAMP = 40
 SUBSTEPS = 2
@@ -33,14 +38,14 @@ _S_PER_MS = 1.0e-3
 class Phase:
     """A step of the solver: equal increments of `dt_s`.
 
-    `procedure` is ``static``, ``viscous`` or ``dynamic``. A sample is `every` increments long;
+    `procedure` is ``static``, ``viscous`` or ``dynamic``. A sample is `sample_increments` long;
     results are written at each sample.
     """
 
     procedure: str
     dt_s: float
     increments: int
-    every: int = 1
+    sample_increments: int = 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,11 +76,13 @@ class Motion:
         return float(self.time_s[self.ramp])
 
 
-def motion_of(stimulus: Stimulus, procedure: str = "static", relaxing_s: float = 0.0) -> Motion:
+def motion_of(
+    stimulus: Stimulus, procedure: str = "static", relaxing_s: Sequence[float] = ()
+) -> Motion:
     """The motion of `stimulus`, with the approach to its pre-indentation before it.
 
-    `relaxing_s` is the longest time constant of the skin in s, 0 without relaxation; the probe
-    is held at the pre-indentation for five of these times.
+    `relaxing_s` are the time constants of the skin in s, none without relaxation; the probe is
+    held at the pre-indentation until the slowest branch has relaxed.
 
     Raises
     ------
@@ -85,8 +92,10 @@ def motion_of(stimulus: Stimulus, procedure: str = "static", relaxing_s: float =
     start_um = float(stimulus.displacement_um[0])
     if abs(start_um - stimulus.preindent_um) > _SAME_UM:
         raise DeckError(
-            f"{stimulus.id}: starts at {start_um:g} um, expected "
-            f"{stimulus.preindent_um:g} um, where the probe stands before time 0"
+            f"{stimulus.id} begins at {start_um:g} um, expected {stimulus.preindent_um:g} um, the "
+            "depth of the probe before time 0",
+            found=start_um,
+            expected=f"{stimulus.preindent_um:g} um",
         )
     dt_s = stimulus.dt_ms * _S_PER_MS
     ramp = RAMP_INCREMENTS if stimulus.preindent_um > 0 else 0
@@ -101,12 +110,8 @@ def motion_of(stimulus: Stimulus, procedure: str = "static", relaxing_s: float =
         phases: tuple[Phase, ...] = (Phase(procedure, dt_s, ramp + samples),)
     else:
         # A static ramp, a hold of relaxing skin, and the waveform.
-        hold_s = _HOLD_TIME_CONSTANTS * relaxing_s
-        stages = (
-            Phase("static", dt_s, ramp),
-            Phase("viscous", hold_s, HOLD_INCREMENTS if ramp and hold_s else 0),
-            Phase(procedure, dt_s, samples),
-        )
+        hold = _hold(relaxing_s) if ramp and len(relaxing_s) else ()
+        stages = (Phase("static", dt_s, ramp), *hold, Phase(procedure, dt_s, samples))
         phases = tuple(phase for phase in stages if phase.increments)
         steps_s = [np.full(phase.increments, phase.dt_s) for phase in phases]
         time_s = np.concatenate([[0.0], np.cumsum(np.concatenate(steps_s))])
@@ -117,6 +122,15 @@ def motion_of(stimulus: Stimulus, procedure: str = "static", relaxing_s: float =
     return Motion(
         time_s, np.concatenate([way_mm, held_mm, depth_mm]), dt_s, before, phases, aside_mm
     )
+
+
+def _hold(relaxing_s: Sequence[float]) -> tuple[Phase, ...]:
+    """The hold after which the slowest branch has relaxed as after `HOLD_INCREMENTS` long ones."""
+    longest_s = max(relaxing_s)
+    step_s = min(_HOLD_TIME_CONSTANTS * longest_s, _MOST_SHORTEST * min(relaxing_s))
+    relaxed = HOLD_INCREMENTS * math.log1p(_HOLD_TIME_CONSTANTS)
+    increments = math.ceil(relaxed / math.log1p(step_s / longest_s) - 1e-9)
+    return (Phase("viscous", step_s, increments),)
 
 
 def _dynamic_motion(

@@ -34,11 +34,32 @@ _DIGITS = 9
 
 @dataclass(frozen=True, slots=True)
 class Probe(Ranged):
-    """A cylinder of `diameter_mm`, or a flat punch of that width.
+    """The rigid probe, in the cross-section of the finger.
 
-    `fillet_mm` rounds the punch's edges (a sharp edge has no finite stress under it);
-    the default is 0.1, or a quarter of the width of a narrow punch. `x_mm` is the position of
-    the middle of the probe. 1 mm: the indentor of Ishizuka et al., section 3.2.
+    Parameters
+    ----------
+    shape
+        ``"cylinder"``, or ``"flat"``, a flat punch. Default: ``"cylinder"``.
+    diameter_mm
+        Diameter of the cylinder or width of the punch in mm, 0.01 to 20. Default: 1, the
+        indentor of Ishizuka et al., section 3.2.
+    fillet_mm
+        Radius in mm of the edges of a punch; 0 is a sharp edge, under which no stress is
+        finite. Default: None, 0.1, or a quarter of the width of a narrow punch.
+    x_mm
+        Position of the middle of the probe in mm, across the finger from the middle of the
+        pad. Default: 0.
+
+    Raises
+    ------
+    FingerError
+        An unknown shape, or a number outside its range.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> fb.Probe("flat", diameter_mm=2.0).fillet_mm
+    0.1
     """
 
     shape: str = "cylinder"
@@ -63,8 +84,10 @@ class Probe(Ranged):
         )
         if self.shape == "flat" and not fillet_fits:
             raise FingerError(
-                f"fillet {self.fillet_mm:g} mm, expected 0 (a sharp edge) or from "
-                f"{_MIN_FILLET_MM:g} mm to half the width, {0.5 * self.diameter_mm:g} mm"
+                argument="fillet_mm",
+                found=self.fillet_mm,
+                expected=f"0 (a sharp edge) or from {_MIN_FILLET_MM:g} mm to half the width, "
+                f"{0.5 * self.diameter_mm:g} mm",
             )
 
     def lower_side(self) -> FloatArray:
@@ -132,7 +155,9 @@ def mesh_probe(
     if left_mm < pad_mm[0, 0] or right_mm > pad_mm[-1, 0]:
         raise FingerError(
             f"the probe spans x = {left_mm:g} to {right_mm:g} mm, expected inside the "
-            f"pad, {pad_mm[0, 0]:g} to {pad_mm[-1, 0]:g} mm"
+            f"pad, {pad_mm[0, 0]:g} to {pad_mm[-1, 0]:g} mm",
+            found=(left_mm, right_mm),
+            expected=f"inside {pad_mm[0, 0]:g} to {pad_mm[-1, 0]:g} mm",
         )
     over_skin_mm = outer[:, 1] - np.interp(outer[:, 0], pad_mm[:, 0], pad_mm[:, 1])
     over_mm = np.interp(pad_mm[:, 0], outer[:, 0], outer[:, 1], left=np.inf, right=np.inf)

@@ -9,13 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from decks.finger import Finger
+from decks.finger import Finger, Outline
 from fembridge.typing import FloatArray
 
 DepthOfArc = Callable[[FloatArray], FloatArray]
 
 # The outline is sampled this finely before anything is read off it.
 _SAMPLES = 40_001
+# Of the search for the nearest point of an ellipse; four reach the last digit within the skin.
+_NEWTON_STEPS = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,6 +109,26 @@ def section_of(finger: Finger) -> Section:
         normal=np.stack([tangent[:, 1], -tangent[:, 0]], -1),
         nail_arc_mm=float(arc_mm[nail_row]),
     )
+
+
+def skin_tangent(outline: Outline, point_mm: FloatArray) -> FloatArray:
+    """Unit vectors ``(P, 2)`` along the outline, where it is nearest to each point ``(P, 2)``.
+
+    They point towards +x at the apex of the pad and turn with the outline, clockwise.
+    """
+    half_width, half_height = outline.half_width_mm, outline.half_height_mm
+    x, y = point_mm[:, 0], point_mm[:, 1] + half_height
+    angle = np.arctan2(x / half_width, y / half_height)
+    for _ in range(_NEWTON_STEPS):  # until the way to the outline is normal to it
+        sin, cos = np.sin(angle), np.cos(angle)
+        ahead_x, ahead_y = half_width * cos, -half_height * sin
+        off_x, off_y = half_width * sin - x, half_height * cos - y
+        slope = off_x * ahead_x + off_y * ahead_y
+        curvature = ahead_x**2 + ahead_y**2 - off_x * half_width * sin - off_y * half_height * cos
+        angle -= slope / curvature
+    tangent = np.stack([half_width * np.cos(angle), -half_height * np.sin(angle)], -1)
+    unit: FloatArray = tangent / np.linalg.norm(tangent, axis=1)[:, None]
+    return unit
 
 
 def _smooth_step(arc_mm: FloatArray, start_mm: float, end_mm: float) -> FloatArray:

@@ -13,7 +13,7 @@ for noise with another seed. The id of a diharmonic of Appendix B has its first 
 
 Two sinusoids do not fit the geometric series of their neighbours and are probably misprints.
 Ids and waveforms keep the printed numbers, so that stimuli in other tables are still found.
-This module does not import NumPy: `decks.waveform` makes the samples.
+This module does not import NumPy: `decks.synthesis` makes the samples.
 """
 
 import zlib
@@ -100,37 +100,32 @@ MISPRINT_NOTE = "two amplitudes are kept as printed though their series says " +
 class _Entry:
     """Numbers of a stimulus, checked when made; each family is a class.
 
-    `title` is the heading of the family in the catalogue; `words` is the format of a
+    `title` is the heading of the family in the catalogue; `description_format` is the format of a
     description of one stimulus, which takes its numbers in order.
     """
 
     family: ClassVar[str]
     example: ClassVar[str]
     title: ClassVar[str]
-    words: ClassVar[str]
+    description_format: ClassVar[str]
 
     def __post_init__(self) -> None:
         for name, number in self.numbers().items():
-            label = f"{name} of a {self.family}"
-            if not (isfinite(number) and number > 0):
-                raise StimulusError(f"{label} must be > 0 and finite, got {number:g}")
+            expected = ""
             millionths = min(number, _LARGEST_CHECKED) * 10**DECIMALS
-            if abs(millionths - round(millionths)) > 1e-3:
-                raise StimulusError(
-                    f"{label} must have at most {DECIMALS} decimals, got {number!r}"
-                )
-            if name.endswith("_hz") and not number < NYQUIST_HZ:
-                raise StimulusError(
-                    f"{label} must be below {NYQUIST_HZ:g}, half the "
-                    f"sampling rate at {DT_MS:g} ms, got {number:g}"
-                )
-            if name.endswith("_um") and number > MAX_AMPLITUDE_UM:
-                raise StimulusError(f"{label} must be at most {MAX_AMPLITUDE_UM:g}, got {number:g}")
-            if name.endswith("_ms") and (number % DT_MS or number > MAX_SAMPLES * DT_MS):
-                raise StimulusError(
-                    f"{label} must be a multiple of {DT_MS:g} up to {MAX_SAMPLES * DT_MS:g}, "
-                    f"got {number:g}"
-                )
+            if not (isfinite(number) and number > 0):
+                expected = "a finite number > 0"
+            elif abs(millionths - round(millionths)) > 1e-3:
+                expected = f"at most {DECIMALS} decimals"
+            elif name.endswith("_hz") and not number < NYQUIST_HZ:
+                rate = f"half the sampling rate at {DT_MS:g} ms"
+                expected = f"less than {NYQUIST_HZ:g}, {rate}"
+            elif name.endswith("_um") and number > MAX_AMPLITUDE_UM:
+                expected = f"at most {MAX_AMPLITUDE_UM:g}"
+            elif name.endswith("_ms") and (number % DT_MS or number > MAX_SAMPLES * DT_MS):
+                expected = f"a multiple of {DT_MS:g} up to {MAX_SAMPLES * DT_MS:g}"
+            if expected:
+                raise StimulusError(argument=name, found=number, expected=expected)
             object.__setattr__(self, name, round(float(number), DECIMALS))
 
     def numbers(self) -> dict[str, float]:
@@ -172,7 +167,7 @@ class Sine(_Entry):
     family: ClassVar[str] = "sine"
     example: ClassVar[str] = "sine_FREQUENCY_AMPLITUDE, as in sine_40_100"
     title: ClassVar[str] = "Sinusoids ({}): zero-to-peak amplitudes in um"
-    words: ClassVar[str] = "{} Hz, {} um"
+    description_format: ClassVar[str] = "{} Hz, {} um"
 
     @property
     def window_ms(self) -> tuple[float, float]:
@@ -193,7 +188,7 @@ class Diharmonic(_Entry):
     title: ClassVar[str] = (
         "Diharmonics ({}): zero-to-peak amplitudes, component 1 + component 2 in um"
     )
-    words: ClassVar[str] = "{} Hz + {} Hz, {} um + {} um"
+    description_format: ClassVar[str] = "{} Hz + {} Hz, {} um + {} um"
 
     @property
     def id(self) -> str:
@@ -212,14 +207,17 @@ class Noise(_Entry):
     family: ClassVar[str] = "noise"
     example: ClassVar[str] = "noise_LOW_HIGH_RMS, as in noise_30_200_7"
     title: ClassVar[str] = "Band-pass noises ({}): root-mean-square levels in um"
-    words: ClassVar[str] = "{} to {} Hz, {} um RMS"
+    description_format: ClassVar[str] = "{} to {} Hz, {} um RMS"
 
     def __post_init__(self) -> None:
         _Entry.__post_init__(self)
         if self.low_hz < MIN_BAND_HZ or self.high_hz - self.low_hz < MIN_BAND_HZ:
+            is_low = self.low_hz < MIN_BAND_HZ
+            least_hz = MIN_BAND_HZ if is_low else self.low_hz + MIN_BAND_HZ
             raise StimulusError(
-                f"the band of a noise must begin at {MIN_BAND_HZ:g} Hz or above and end at least "
-                f"{MIN_BAND_HZ:g} Hz higher, got {self.low_hz:g} to {self.high_hz:g} Hz"
+                argument="low_hz" if is_low else "high_hz",
+                found=self.low_hz if is_low else self.high_hz,
+                expected=f"{least_hz:g} or more",
             )
 
     @property
@@ -243,14 +241,16 @@ class Ramp(_Entry):
     family: ClassVar[str] = "ramp"
     example: ClassVar[str] = "ramp_DEPTH_UP_HOLD_DOWN, as in ramp_300_100_200_100 (um and ms)"
     title: ClassVar[str] = "Ramps and holds ({}): depths in um"
-    words: ClassVar[str] = "{} um deep in {} ms, held for {} ms, back in {} ms"
+    description_format: ClassVar[str] = "{} um deep in {} ms, held for {} ms, back in {} ms"
 
     def __post_init__(self) -> None:
         _Entry.__post_init__(self)
         if self.window_ms[1] > (MAX_SAMPLES - 1) * DT_MS:
+            expected = f"at most {(MAX_SAMPLES - 1) * DT_MS:g} ms"
             raise StimulusError(
-                f"a ramp must end within {(MAX_SAMPLES - 1) * DT_MS:g} ms with its rests, "
-                f"got {self.window_ms[1]:g} ms"
+                f"a ramp of {self.window_ms[1]:g} ms with its rests, expected {expected}",
+                found=self.window_ms[1],
+                expected=expected,
             )
 
     @property
@@ -302,14 +302,20 @@ def resolve(selection: str | Iterable[str]) -> tuple[Entry, ...]:
     Raises
     ------
     StimulusError
-        A name is unknown (the message lists similar names), a number is outside its range,
-        or the selection is empty.
+        A selection that is empty or no text, an unknown name (the message lists similar names),
+        or a number outside its range.
     """
     texts = [selection] if isinstance(selection, str) else selection
+    if not (isinstance(texts, Iterable) and all(isinstance(text, str) for text in texts)):
+        raise StimulusError(
+            argument="selection", found=selection, expected="an id, or a list of ids"
+        )
     names = [name.strip() for text in texts for name in text.split(",")]
     names = [name for name in names if name]
     if not names:
-        raise StimulusError("no stimulus named; expected an id, or 'all'")
+        raise StimulusError(
+            "no stimulus named, expected an id or 'all'", found=selection, expected="an id or 'all'"
+        )
     return tuple(dict.fromkeys(entry for name in names for entry in _find_entries(name)))
 
 
@@ -365,15 +371,22 @@ def _find_entries(name: str) -> tuple[Entry, ...]:
         _raise_unknown(name)
     count = len(fields(kind))
     if len(numbers) > count:
-        raise StimulusError(f"{name!r} has too many numbers; expected {kind.example}")
+        raise StimulusError(
+            f"{name!r} has too many numbers, expected {kind.example}",
+            found=name,
+            expected=kind.example,
+        )
     if len(numbers) == count:
         try:
             return (kind(*numbers),)
         except StimulusError as error:
-            raise StimulusError(f"{name}: {error}") from error
+            problem = f"{name}: {error}"
+            raise StimulusError(problem, found=name, expected=error.expected) from error
     entries = [entry for entry in CATALOGUE if isinstance(entry, kind)]
     if not entries:
-        raise StimulusError(f"{name!r} needs all its numbers: {kind.example}")
+        raise StimulusError(
+            f"{name!r} lacks numbers, expected {kind.example}", found=name, expected=kind.example
+        )
     numbers_of = {entry: tuple(entry.numbers().values()) for entry in entries}
     matches = tuple(entry for entry, row in numbers_of.items() if row[: len(numbers)] == numbers)
     if not matches:  # list the available numbers at the first index that does not match
@@ -384,7 +397,9 @@ def _find_entries(name: str) -> tuple[Entry, ...]:
         choices = ", ".join(_id(family, (*numbers[:index], number)) for number in available)
         raise StimulusError(
             f"no stimulus {name!r} in the catalogue, which has {choices}; "
-            f"a stimulus outside the catalogue needs all its numbers: {kind.example}"
+            f"a stimulus outside the catalogue needs all its numbers: {kind.example}",
+            found=name,
+            expected=choices,
         )
     return matches
 
@@ -400,4 +415,4 @@ def _raise_unknown(name: str) -> NoReturn:
         if near
         else "`fembridge stimuli` lists them; 'sine', 'diharm', 'noise', 'all' are sets"
     )
-    raise StimulusError(f"no stimulus {name!r}; {hint}")
+    raise StimulusError(f"no stimulus {name!r}; {hint}", found=name)

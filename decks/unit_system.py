@@ -49,6 +49,37 @@ LENGTH_UNITS = {"mm": MM, "m": UNIT_SYSTEMS["M_KG_S_C"], "in": UNIT_SYSTEMS["IN_
 """Unit systems by their unit of length."""
 
 
+# Young's modulus of the soft tissues of a finger at small strain, from fat to epidermis. The
+# softest material of a model of skin is one of them; a probe and a bone are stiffer.
+TISSUE_MPA = (1.0e-3, 10.0)
+_STRESS_UNITS_MPA = {"MPa": 1.0, "kPa": 1.0e-3, "Pa": 1.0e-6, "GPa": 1.0e3}
+
+
+def modulus_doubt(name: str, modulus: float, stress_unit: str, unit_mpa: float) -> str:
+    """A warning of the softest material of a model, unless it may be soft tissue; "" then.
+
+    Parameters
+    ----------
+    name
+        The material.
+    modulus
+        Its Young's modulus in `stress_unit`, of which one is `unit_mpa`.
+    """
+    low, high = TISSUE_MPA
+    if low <= modulus * unit_mpa <= high:
+        return ""
+    fitting = [
+        f"{modulus * size_mpa:g} MPa if the {modulus:g} is in {unit}"
+        for unit, size_mpa in _STRESS_UNITS_MPA.items()
+        if unit != stress_unit and low <= modulus * size_mpa <= high
+    ]
+    hint = f": it would be {' or '.join(fitting)}" if fitting else ""
+    return (
+        f"the softest material, {name}, has a modulus of {modulus * unit_mpa:g} MPa, soft tissue "
+        f"{low:g} to {high:g} MPa{hint}"
+    )
+
+
 def unit_system_in(heading: str) -> UnitSystem | None:
     """The unit system named in a heading; None if it names no known one."""
     match = _NAMED.search(heading)

@@ -1,26 +1,27 @@
-"""The command line: one verb for each arrow of the pipeline, one verb for all.
+"""The command line: a verb for each step from a stimulus to spikes, and verbs for all steps.
 
-A verb is a module of ``fembridge.commands`` with a docstring, an ``EXAMPLE`` and
-two functions: ``add_arguments(parser)`` and ``run(args) -> summary``; ``USES`` lists options
-that only some ways of the verb use. Only the verb that was asked for is imported, so
-``fembridge --help`` costs next to nothing.
+A verb is a module of ``fembridge.commands`` with a docstring, an ``EXAMPLE`` and two functions,
+``add_arguments(parser)`` and ``run(args) -> summary``; its ``USES`` list options that take effect
+in some cases only. Only the requested verb is imported, so ``fembridge --help`` starts fast.
 
-What a verb prints is for people. A summary is a dict; ``--json`` prints it alone, as
-strict JSON, where a number that is not finite becomes null, with its ``warnings`` and its
-``exit_code``. A
-verb that did its work and found that not all is well says so by an ``exit_code`` of its
-own. An error is a line on stderr, and with ``--json`` also ``{"error": {"kind",
-"message"}, "exit_code"}``.
+A verb prints text for people. ``--json`` prints its summary instead, a dict, as strict JSON: a
+number that is not finite becomes null, and ``warnings`` and ``exit_code`` are added. A verb whose
+work is only partly successful sets ``exit_code`` in the summary. An error is one line on stderr,
+and with ``--json`` also ``{"error": {"kind", "message", "path", "line", "argument", "found",
+"expected"}, "exit_code"}`` with the fields that the error has; an argument of a public function
+is named as the option of the verb.
 
-What each verb writes, its files and every column of a table, has one place: ``outputs.md``
-of the verbs, a page for people, which is read here for ``--help``. A name in angle brackets
-there stands for columns that differ from case to case.
+``outputs.md`` beside the verbs describes the files of each verb and the columns of each table;
+``--help-outputs`` prints the section of a verb. A name in angle brackets is a placeholder for
+column names that depend on the case.
 """
 
 import argparse
 import errno
 import os
 import re
+import shlex
+import shutil
 import sys
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,43 +32,62 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn
 
-from fembridge import interrupt
-from fembridge.commands.options import Words, check_uses, invalid_choice
+from fembridge.commands.options import (
+    RepeatedOption,
+    check_uses,
+    choice_error,
+    option,
+    option_name,
+)
 from fembridge.errors import FembridgeError, FembridgeWarning, UsageError
-from fembridge.interrupt import INTERRUPTED
-from fembridge.terminal import PlainStream, PrintError, error_line, log
+from fembridge.host import interrupt
+from fembridge.host.interrupt import INTERRUPTED
+from fembridge.host.terminal import PlainStream, PrintError, error_line, log, logged_lines
 from fembridge.version import __version__
 
-VERBS = {
-    "stimuli": "list the stimuli of the catalogue, or export one",
-    "build-deck": "write a solver deck for each stimulus",
-    "run": "run CalculiX in run folders",
-    "ingest": "take stress traces from a solver's results",
-    "export-script": "print a script that takes traces inside Mentat or Abaqus",
-    "encode": "turn stress traces into spikes and rates",
-    "simulate": "from a stimulus to spikes: all of the above",
-    "touch": "any shape on a whole fingertip: every afferent's spikes",
-    "receptive-field": "where on the skin a probe makes an afferent fire",
-    "pad": "have CalculiX make the pad of a finger, for the two above",
-    "sweep": "many stimuli on many fingers: each solved once, one table",
-    "fit": "find the parameters whose rates come closest to observed ones",
-    "study": "compare models of the afferents, on what they were not fitted to",
-    "threshold": "how faint a vibration each afferent answers, against frequency",
-    "validate": "the paper's figures and tables as one page: is the model any good",
-    "verify": "hold the finite-element model against closed forms, with bounds",
-    "deflect": "how far the skin goes down around a thin probe",
-    "plot": "draw the mesh, a response, a raster",
-    "cache": "list or clear what was solved before",
-    "doctor": "list what is installed and what is missing",
+_GROUPS: Mapping[str, Mapping[str, str]] = {
+    "from a stimulus to spikes": {
+        "simulate": "from a stimulus to spikes of the median afferent of each class",
+        "touch": "press, slide or vibrate a shape on a fingertip: spikes of every afferent",
+        "receptive-field": "map where on the skin a probe makes an afferent fire",
+        "threshold": "compute vibration thresholds of each class against frequency",
+    },
+    "the same step by step": {
+        "stimuli": "list the stimuli of the catalogue, or export waveforms",
+        "check": "check your own deck before anything is solved",
+        "map": "solve one load and unload of your own deck: then every stimulus",
+        "build-deck": "write a solver deck for each stimulus",
+        "fingertip": "write the deck of a round fingertip in three dimensions",
+        "run": "run CalculiX in run folders",
+        "ingest": "read stress traces from the results of a solver",
+        "export-script": "print a script that exports traces inside Mentat or Abaqus",
+        "encode": "turn stress traces into spikes and firing rates",
+    },
+    "parameters and evidence": {
+        "sweep": "run many stimuli on many fingers, and collect one table",
+        "fit": "fit neural parameters to observed rates",
+        "study": "compare afferent models by rates that they were not fitted to",
+        "validate": "write a page that compares the model with the paper and recordings",
+        "verify": "check the finite-element model against closed-form solutions",
+        "deflect": "compute the deflection of the skin around a thin probe",
+    },
+    "pictures, files and the machine": {
+        "plot": "draw a mesh, a response, a raster and other pictures",
+        "report": "write a page on a run, a simulation, a touch, a map or a pad",
+        "pad": "make the pad file of your own finger, for touch and receptive-field",
+        "cache": "list or clear the results of earlier solver runs",
+        "doctor": "list what is installed and what is missing",
+    },
 }
+VERBS = {verb: line for group in _GROUPS.values() for verb, line in group.items()}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one verb; give the exit code.
+    """Run one verb; the exit code.
 
-    0 is success, 1 our error, 2 misuse: a word, number or name of a file that stands for
-    nothing here. 130 is Ctrl-C. What is neither one of our errors nor one of the system
-    is a bug of ours and keeps its traceback.
+    0 is success, 1 an error, 2 misuse (an unknown name, a value out of range, a file that does
+    not exist), 130 Ctrl-C. Any exception except a `FembridgeError` or an ``OSError`` is a bug and
+    keeps its traceback.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     _open_standard_streams()
@@ -87,14 +107,14 @@ def main(argv: Sequence[str] | None = None) -> int:
             interrupt.ignore_from_now_on()
             sys.stdout.flush()
     except PrintError as error:
-        os.dup2(os.open(os.devnull, os.O_RDWR), error.number)  # else what is left fails at exit
-        if error.errno == errno.EPIPE:  # nobody reads it, as after ``| head -1``
+        os.dup2(os.open(os.devnull, os.O_RDWR), error.number)  # else flushing fails at exit
+        if error.errno == errno.EPIPE:  # the reader has ended, as after ``| head -1``
             return 0
         print(error_line(f"cannot print: {error.strerror}"), file=sys.stderr)
         return 1
     except BrokenPipeError:
         raise
-    except OSError as error:  # of a file it is an error of ours, or has its name
+    except OSError as error:  # of a standard stream: errors of files name the file
         print(error_line(f"cannot read or write: {error.strerror}"), file=sys.stderr)
         return 1
     return code
@@ -110,42 +130,43 @@ def _run(arguments: list[str]) -> int:
             parser.print_help()
             return 0
         args.explicit = _explicit_options(arguments, parser)
+        args.command_line = shlex.join(["fembridge", *arguments])
         check_uses(args, getattr(command, "USES", ()))
     except SystemExit as stop:  # argparse: help, version
         return stop.code if isinstance(stop.code, int) else 0
     except FembridgeError as error:
-        return _report_error(error, error.exit_code, as_json)
+        return _report_error(error, error.exit_code, as_json, parser=parser)
     try:
         Path.cwd()
     except OSError as error:
-        problem = "the folder in which this was started is gone: go to another one (cd)"
+        problem = "the current folder does not exist any more: change to another one (cd)"
         return _report_error(error, 1, as_json, problem)
     try:
         with (
             redirect_stdout(StringIO()) if args.json else nullcontext(),
             _printed_warnings() as warned,
+            logged_lines() as logged,
         ):
-            interrupt.raise_from_now_on()
+            interrupt.raise_keyboard_interrupt()
             summary = command.run(args)
             interrupt.ignore_from_now_on()
     except MemoryError as error:
-        problem = "the memory is too small for this file or request"
+        problem = "not enough memory for this file or request"
         return _report_error(error, 1, as_json, problem)
     except (FembridgeError, OSError) as error:
         if isinstance(error, OSError) and not error.filename:
             raise
-        return _report_error(
-            error, _code_of(error, arguments), as_json, _option_message(error, parser)
-        )
+        return _report_error(error, _code_of(error, arguments), as_json, parser=parser)
     code = int(summary.get("exit_code", 0))
     if args.json:
-        _print_json({**summary, "warnings": warned, "exit_code": code})
+        notes = [*summary.get("notes", ()), *logged]
+        _print_json({**summary, "notes": notes, "warnings": warned, "exit_code": code})
     return code
 
 
 @contextmanager
 def _printed_warnings() -> Iterator[list[str]]:
-    """Print each different `FembridgeWarning` as one line on stderr; the texts so far."""
+    """Print each different `FembridgeWarning` as one line on stderr; a list of their texts."""
     texts: list[str] = []
     with warnings.catch_warnings():
         warnings.simplefilter("always", FembridgeWarning)
@@ -162,21 +183,40 @@ def _printed_warnings() -> Iterator[list[str]]:
         yield texts
 
 
-def _report_error(error: BaseException, code: int, as_json: bool, text: str = "") -> int:
-    """Print `error`, as `text` if there is one: a line, and for ``--json`` a table too."""
+def _report_error(
+    error: BaseException,
+    code: int,
+    as_json: bool,
+    text: str = "",
+    parser: argparse.ArgumentParser | None = None,
+) -> int:
+    """Print `error`, or `text` instead, as a line on stderr and with ``--json`` as a table."""
+    details: dict[str, object] = {"kind": type(error).__name__}
+    if isinstance(error, FembridgeError):
+        name = error.argument
+        if name is not None and parser is not None:
+            name = _option_of(name, parser)
+        text = text or error.message(name)
+        details |= {
+            "path": error.path,
+            "line": error.line,
+            "argument": name,
+            "key": error.key,
+            "found": error.found,
+            "expected": error.expected,
+        }
+    elif isinstance(error, OSError) and error.filename and not text:
+        text = f"{error.filename}: {error.strerror}"
     text = text or str(error)
     print(error_line(text), file=sys.stderr)
     if as_json:
-        details = {"kind": type(error).__name__, "message": text}
-        for name in ("path", "line"):
-            if getattr(error, name, None) is not None:
-                details[name] = getattr(error, name)
-        _print_json({"error": details, "exit_code": code})
+        details = {name: value for name, value in details.items() if value is not None}
+        _print_json({"error": {**details, "message": text}, "exit_code": code})
     return code
 
 
 def _code_of(error: Exception, arguments: Sequence[str]) -> int:
-    """Exit code of `error`: 2 also where a file that was named in `arguments` is absent."""
+    """Exit code of `error`: 2 also for a missing file that `arguments` name."""
     absent = error if isinstance(error, OSError) else error.__cause__
     if isinstance(absent, FileNotFoundError) and absent.filename is not None:
         named_paths = {os.path.normpath(argument.rpartition("=")[2]) for argument in arguments}
@@ -185,105 +225,119 @@ def _code_of(error: Exception, arguments: Sequence[str]) -> int:
     return error.exit_code if isinstance(error, FembridgeError) else 1
 
 
-def _option_message(error: Exception, parser: argparse.ArgumentParser) -> str:
-    """What `error` says, an argument of the API called by its option."""
-    if isinstance(error, OSError):
-        return f"{error.filename}: {error.strerror}"
-    text = str(error)
-    for option in _options_of(parser):
-        name = option.removeprefix("--").replace("-", "_")
-        begins = text.startswith((f"{name} ", f"{name}_s "))  # else the key of a file
-        if isinstance(error, UsageError) or begins:
-            text = re.sub(rf"(?<![\w-]){name}(_s)?(?= (is|must be) )", option, text)
-    return text
+def _option_of(argument: str, parser: argparse.ArgumentParser) -> str:
+    """Option of an `argument` of a public function, else the argument itself."""
+    options = _options_of(parser)
+    for name in (option(argument), option(argument.removesuffix("s"))):
+        if name in options:
+            return name
+    by_name = {action.dest: option_name(action) for action in options.values()}
+    return by_name.get(argument, argument)
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose misuse is an error of ours, in one line, with the near words."""
+    """A parser that raises a `UsageError`, which suggests similar names."""
 
-    def __init__(self, *args: Any, **options: Any) -> None:  # noqa: ANN401 - as argparse has it
-        super().__init__(*args, **options)
-        # Python before 3.14 takes -1e-3 for an option.
+    def __init__(self, *args: Any, **settings: Any) -> None:  # noqa: ANN401 - as argparse has it
+        super().__init__(*args, **{"exit_on_error": False, **settings})
+        # Python before 3.14 reads -1e-3 as an option.
         self._negative_number_matcher = _NEGATIVE_NUMBER
 
     def error(self, message: str) -> NoReturn:
-        hint = "" if message.endswith("?") else f"; see {self.prog} --help"
-        raise UsageError(f"{message}{hint}")
+        """Raise `message` of argparse."""
+        raise UsageError(f"{message}; see {self.prog} --help")
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:  # noqa: ANN401
-        """Parse; before what is missing, an option that does not exist is named."""
+        """Parse `args`; an unknown option is reported before a missing argument."""
         options = _options_of(self)
         for argument in args[: args.index("--")] if "--" in args else args:
             name = argument.partition("=")[0]
             if re.match(r"--?[A-Za-z]\S*$", name) and not {name, argument[:2]} & set(options):
-                from fembridge.store import near_hint
+                from fembridge.host.store import near_hint
 
                 verb = next((argument for argument in args if not argument.startswith("-")), "")
                 hint = near_hint(f"--{name.lstrip('-')}", options)
                 hint = hint or "; see " + f"{self.prog} {verb} --help".replace("  ", " ")
-                raise UsageError(f"no option {name}{hint}")
+                raise UsageError(f"is no option{hint}", argument=name, found=name)
         return super().parse_args(args, namespace)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # noqa: ANN401
         """Parse `args` with ``--stimulus=a --stimulus=b`` for ``--stimulus a b``.
 
-        A list ends at an option or at what is no item of it; and where the verb wants a word
-        of its own, as a file, and there is none, at that.
+        A list ends at an option or at a word that is no item. If a positional argument is then
+        missing, the last item of the last list is taken for it.
         """
         joined: list[str] = []
-        list_ends: list[tuple[Words, str]] = []  # lists, and the word that is no item
-        last_open_list = None  # place of the last word of a list of anything
+        list_ends: list[tuple[RepeatedOption, str]] = []  # and the word that is no item
+        last_open_list = None  # index of the last word of a list that accepts any text
         position = 0
         while position < len(args):
             argument, position = args[position], position + 1
             if argument == "--":
                 joined += args[position - 1 :]
                 break
-            action, end, item_names = self._option_string_actions.get(argument), position, ()
-            if isinstance(action, Words):
-                item_names = action.known
+            action, end, item_choices = self._option_string_actions.get(argument), position, ()
+            if isinstance(action, RepeatedOption):
+                item_choices = action.item_choices
                 while end < len(args) and not _is_option(args[end]):
-                    if end > position and not action.takes(args[end]):
+                    if end > position and not action.accepts(args[end]):
                         list_ends.append((action, args[end]))
                         break
                     end += 1
             joined += [f"{argument}={item}" for item in args[position:end]] or [argument]
-            last_open_list = last_open_list if end - position < 2 or item_names else len(joined) - 1
+            if end - position >= 2 and not item_choices:
+                last_open_list = len(joined) - 1
             position = end
         try:
-            namespace, remaining = super().parse_known_args(joined, namespace)
+            namespace, remaining = self._parse_joined(joined, namespace)
         except UsageError as error:
             if last_open_list is None:
                 raise
             joined[last_open_list] = joined[last_open_list].partition("=")[2]
             try:
-                return super().parse_known_args(joined, namespace)
+                return self._parse_joined(joined, namespace)
             except UsageError:
                 raise error from None
         if remaining and list_ends:
             action, argument = list_ends[0]
-            try:
-                action.items(argument)
-            except argparse.ArgumentError as error:
-                self.error(str(error))
+            action.items(argument)
         return namespace, remaining
 
-    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:  # noqa: ANN401
-        """Values of `action`: an empty text is none, such as a variable that a script left empty.
+    def _parse_joined(self, args: list[str], namespace: Any) -> Any:  # noqa: ANN401
+        """Parse `args` as argparse does; its errors become a `UsageError`."""
+        try:
+            return super().parse_known_args(args, namespace)
+        except argparse.ArgumentError as error:
+            if error.argument_name is None:
+                self.error(error.message)
+            name = error.argument_name.rpartition("/")[2]
+            problem = f"is refused: {error.message}; see {self.prog} --help"
+            raise UsageError(problem, argument=name) from error
 
-        Nor is ``--``, which Python before 3.13 takes out of ``--output=--``.
+    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:  # noqa: ANN401
+        """Values of `action`; an empty text is refused, such as an empty variable of a script.
+
+        So is ``--``, which Python before 3.13 drops from ``--output=--``.
         """
         if action.nargs not in (argparse.PARSER, argparse.REMAINDER):
             separator = ["--"] if action.option_strings else []
             for text in ("", *separator):
                 if text in arg_strings:
-                    raise argparse.ArgumentError(action, f"expected a value, got {text!r}")
+                    raise UsageError(argument=option_name(action), found=text, expected="a value")
         return super()._get_values(action, arg_strings)
+
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:  # noqa: ANN401
+        """Value of one argument; argparse itself would replace a `UsageError`, a ``ValueError``."""
+        try:
+            return self._registry_get("type", action.type, action.type)(arg_string)
+        except UsageError as error:
+            error.argument = option_name(action)
+            raise
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:  # noqa: ANN401
         choices = list(map(str, action.choices or ()))
         if choices and value not in (action.choices or ()):
-            raise argparse.ArgumentError(action, invalid_choice(str(value), choices))
+            raise choice_error(action, str(value), choices)
 
 
 _NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
@@ -295,7 +349,7 @@ def _is_option(argument: str) -> bool:
 
 
 def _options_of(parser: argparse.ArgumentParser) -> dict[str, argparse.Action]:
-    """Options of `parser` and of those below it, as they are written."""
+    """Options of `parser` and of its subparsers by name."""
     options = dict(parser._option_string_actions)
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
@@ -305,7 +359,7 @@ def _options_of(parser: argparse.ArgumentParser) -> dict[str, argparse.Action]:
 
 
 def _explicit_options(arguments: Sequence[str], parser: argparse.ArgumentParser) -> frozenset[str]:
-    """Options that `arguments` hold, each by its first name in full, as ``--output`` of ``-o``."""
+    """Options in `arguments` by their long names, such as ``--output`` for ``-o``."""
     options = _options_of(parser)
     names = set()
     for argument in arguments[: arguments.index("--")] if "--" in arguments else arguments:
@@ -318,18 +372,19 @@ def _explicit_options(arguments: Sequence[str], parser: argparse.ArgumentParser)
 
 
 def _parser(arguments: Sequence[str]) -> tuple[argparse.ArgumentParser, ModuleType | None]:
-    width = max(map(len, VERBS))
-    listed = "\n".join(f"  {verb:<{width}}  {line}" for verb, line in VERBS.items())
     parser = _Parser(
         prog="fembridge",
-        description="From a probe on a fingertip to the spikes of its afferents."
-        f"\n\nverbs:\n{listed}",
-        epilog="example: fembridge stimuli\nfembridge VERB --help says more about a verb",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        usage="%(prog)s [--version] VERB ...",
+        description="From a probe on a fingertip to the spikes of its afferents.\n\n"
+        + _verbs_text(),
+        epilog="example: fembridge stimuli\nfembridge VERB --help describes a verb",
+        formatter_class=_HelpFormatter,
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"fembridge {__version__}")
-    verbs = parser.add_subparsers(dest="verb", metavar="VERB", help="one of the above")
+    verbs = parser.add_subparsers(
+        dest="verb", metavar="VERB", help="one of the above", prog="fembridge"
+    )
     verb = next((argument for argument in arguments if not argument.startswith("-")), None)
     if verb is None:
         return parser, None
@@ -338,21 +393,69 @@ def _parser(arguments: Sequence[str]) -> tuple[argparse.ArgumentParser, ModuleTy
 
         similar = " or ".join(get_close_matches(verb, VERBS, n=2, cutoff=0.5))
         hint = f"did you mean {similar}?" if similar else f"choose {', '.join(VERBS)}"
-        raise UsageError(f"no verb {verb!r}; {hint}")
+        raise UsageError(f"no verb {verb!r}; {hint}", found=verb, expected=", ".join(VERBS))
     command = import_module(f"fembridge.commands.{verb.replace('-', '_')}")
-    epilog = [f"example: {command.EXAMPLE}"]
-    if {"--help", "-h"} & set(arguments):
-        epilog.insert(0, f"{_outputs_text(verb)}\n\n")
+    summary, _, details = (command.__doc__ or "").partition("\n\n")
     child = verbs.add_parser(
         verb,
-        description=command.__doc__,
-        epilog="".join(epilog).lstrip(),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description=summary,
+        epilog="\n\n".join(filter(None, [details.strip(), f"example: {command.EXAMPLE}"])),
+        formatter_class=_HelpFormatter,
         allow_abbrev=False,
     )
     command.add_arguments(child)
-    child.add_argument("--json", action="store_true", help="print a summary a program can read")
+    child.add_argument("--json", action="store_true", help="print a JSON summary for programs")
+    child.add_argument(
+        "--help-outputs",
+        action=_HelpOutputs,
+        verb=verb,
+        help="list the files of this verb and the columns of its tables",
+    )
     return parser, command
+
+
+def _verbs_text() -> str:
+    """The verbs in their groups, a line each."""
+    width = max(map(len, VERBS))
+    return "\n\n".join(
+        "\n".join([f"{title}:", *(f"  {verb:<{width}}  {line}" for verb, line in verbs.items())])
+        for title, verbs in _GROUPS.items()
+    )
+
+
+class _HelpFormatter(argparse.RawDescriptionHelpFormatter):
+    """A help page up to 100 characters wide with a usage of one line."""
+
+    def __init__(self, prog: str) -> None:
+        columns = shutil.get_terminal_size((100, 24)).columns
+        super().__init__(prog, max_help_position=28, width=min(columns, 100) - 2)
+
+    def _format_usage(self, usage: str | None, actions: Any, groups: Any, prefix: Any) -> str:  # noqa: ANN401
+        if usage is None:
+            required = [action for action in actions if action.required and action.option_strings]
+            positional = [action for action in actions if not action.option_strings]
+            usage = super()._format_usage(None, [*required, *positional], [], "").strip()
+            usage = f"{usage} [options]"
+        return super()._format_usage(usage, actions, groups, prefix)
+
+
+class _HelpOutputs(argparse.Action):
+    """Print the outputs of a `verb` and exit, as ``--help`` does."""
+
+    def __init__(
+        self,
+        option_strings: Sequence[str],
+        dest: str,
+        verb: str,
+        **settings: Any,  # noqa: ANN401 - as argparse calls it
+    ) -> None:
+        super().__init__(option_strings, dest, nargs=0, default=argparse.SUPPRESS, **settings)
+        self.verb = verb
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        """Print and exit."""
+        print(_outputs_text(self.verb) or f"{self.verb} writes no files")
+        parser.exit()
 
 
 _FILE = re.compile(r"^\*\*`(.*)`\*\*: (.*)$", re.MULTILINE)
@@ -360,7 +463,7 @@ _COLUMN = re.compile(r"^\| `(.*?)` \| (.*?) ?\| (.*) \|$", re.MULTILINE)
 
 
 def outputs_of(verb: str) -> dict[str, tuple[str, list[tuple[str, str, str]]]]:
-    """By file that `verb` writes what it is, and of a table name, unit and meaning of columns."""
+    """Files of `verb`: the description, and name, unit and meaning of each column of a table."""
     from importlib.resources import files
 
     page = files("fembridge.commands").joinpath("outputs.md").read_text(encoding="utf-8")
@@ -373,16 +476,16 @@ def outputs_of(verb: str) -> dict[str, tuple[str, list[tuple[str, str, str]]]]:
 
 
 def _outputs_text(verb: str) -> str:
-    """The outputs of `verb` for its ``--help``; "" where it writes nothing."""
+    """The outputs of `verb` for ``--help-outputs``; "" for a verb without files."""
     import textwrap
 
     outputs = outputs_of(verb)
-    lines = ["outputs:"] if outputs else []
+    lines = []
     for file, (description, columns) in outputs.items():
-        lines.append(f"  {file}: {description}")
+        lines.append(f"{file}: {description}")
         for name, unit, meaning in columns:
             text = f"{name}{f' ({unit})' if unit else ''}: {meaning}".replace("`", "")
-            lines += textwrap.wrap(text, 88, initial_indent=" " * 4, subsequent_indent=" " * 6)
+            lines += textwrap.wrap(text, 88, initial_indent=" " * 2, subsequent_indent=" " * 4)
     return "\n".join(lines)
 
 
@@ -393,7 +496,7 @@ def _print_json(table: Mapping[str, object]) -> None:
 
 
 def _json_value(value: object) -> object:
-    """Turn a summary into what JSON has: no NaN, no array, no path, no tuple."""
+    """The JSON form of a value: null for NaN, a list for an array, a text for any other object."""
     if hasattr(value, "tolist"):  # NumPy's numbers and arrays, unimported
         value = value.tolist()
     if isinstance(value, Mapping):
@@ -402,11 +505,15 @@ def _json_value(value: object) -> object:
         return [_json_value(item) for item in value]
     if isinstance(value, os.PathLike):
         return os.fspath(value)
-    return None if isinstance(value, float) and value - value != 0 else value
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, float):
+        return value if value - value == 0 else None
+    return str(value)
 
 
 def _open_standard_streams() -> None:
-    """Send closed standard streams to nowhere: else the next file would take their place."""
+    """Open closed standard streams on the null device: else the next file gets their number."""
     for number in range(3):
         try:
             os.fstat(number)

@@ -11,15 +11,40 @@ from fembridge.typing import FloatArray
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Stimulus:
-    """Probe displacement `displacement_um` ``(T,)``, every `dt_ms` from time 0.
+    """Displacement of the probe over time, in even steps from time 0.
 
-    Positive is into the skin, 0 is first touch. `window_ms` is the time in
-    which spikes are counted: start excluded, end included. `preindent_um` is
-    how deep the probe is before time 0; the samples hold the whole depth,
-    so the first of them equals it. `origin` says how the samples were made
-    (family, frequencies, amplitudes, seed). `aside_um` ``(T,)`` is the probe's way
-    across the finger, along the skin, from where it is before time 0; None, as
-    in all stimuli of the paper, where it does not slide.
+    Parameters
+    ----------
+    id
+        Name of the stimulus in tables, and of its run folder.
+    displacement_um
+        Depth of the probe in um, ``(T,)``, T at least 2. Positive is into the skin, 0 is first
+        touch; the depth before time 0 is included.
+    dt_ms
+        Time step in ms, more than 0.
+    window_ms
+        Start and end in ms of the window in which spikes count, the start excluded.
+    preindent_um
+        Depth of the probe in um before time 0; the first sample has the same depth.
+        Default: 0.
+    origin
+        How the samples were made: family, frequencies, amplitudes, seed. Default: empty.
+    aside_um
+        Displacement of the probe across the finger in um, along the skin, ``(T,)`` from 0 on.
+        Default: None, the probe does not slide.
+
+    Raises
+    ------
+    StimulusError
+        Samples that are not finite or not ``(T,)``, or a window outside the samples.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import fembridge as fb
+    >>> ramp_um = np.minimum(np.arange(401), 200.0)
+    >>> fb.Stimulus("ramp", ramp_um, dt_ms=0.5, window_ms=(0, 200))
+    Stimulus('ramp', 401 samples every 0.5 ms, 0 to 200 um)
     """
 
     id: str
@@ -33,32 +58,56 @@ class Stimulus:
     def __post_init__(self) -> None:
         depth = np.array(self.displacement_um, dtype=np.float64)
         if depth.ndim != 1 or depth.size < 2:
-            raise StimulusError(f"{self.id}: expected (T,), got {depth.shape}")
+            problem = (
+                f"of {self.id} has shape {depth.shape}, expected (T,) with two or more samples"
+            )
+            raise StimulusError(problem, argument="displacement_um", found=depth.shape)
         bad = np.flatnonzero(~np.isfinite(depth))
         if bad.size:
-            raise StimulusError(f"{self.id}: sample {bad[0]} is {depth[bad[0]]}")
+            problem = f"of {self.id} is {depth[bad[0]]} at sample {bad[0]}"
+            raise StimulusError(problem, argument="displacement_um", found=float(depth[bad[0]]))
         if not (np.isfinite(self.dt_ms) and self.dt_ms > 0):
-            raise StimulusError(f"{self.id}: dt_ms must be > 0, got {self.dt_ms}")
+            raise StimulusError(argument="dt_ms", found=self.dt_ms, expected="more than 0")
+        if np.shape(self.window_ms) != (2,):
+            raise StimulusError(
+                argument="window_ms", found=self.window_ms, expected="a pair (start, end)"
+            )
         start, end = self.window_ms
         if not 0 <= start < end <= (depth.size - 1) * self.dt_ms + 1e-9:
+            expected = f"inside 0 to {(depth.size - 1) * self.dt_ms:g} ms"
             raise StimulusError(
-                f"{self.id}: window {start:g} to {end:g} ms is not inside "
-                f"0 to {(depth.size - 1) * self.dt_ms:g} ms"
+                f"of {self.id} is {start:g} to {end:g} ms, expected {expected}",
+                argument="window_ms",
+                found=(start, end),
+                expected=expected,
             )
         if not (np.isfinite(self.preindent_um) and self.preindent_um >= 0):
-            raise StimulusError(f"{self.id}: preindent_um must be >= 0, got {self.preindent_um}")
+            raise StimulusError(
+                argument="preindent_um", found=self.preindent_um, expected="0 or more"
+            )
         depth.flags.writeable = False
         object.__setattr__(self, "displacement_um", depth)
         if self.aside_um is not None:
             aside = np.array(self.aside_um, dtype=np.float64)
             if aside.shape != depth.shape or not np.isfinite(aside).all() or aside[0] != 0:
+                expected = f"{depth.shape} finite numbers that begin at 0"
                 raise StimulusError(
-                    f"{self.id}: the way aside must be {depth.shape} finite numbers from 0 on, "
-                    f"got {aside.shape}"
+                    f"of {self.id} has shape {aside.shape}, expected {expected}",
+                    argument="aside_um",
+                    found=aside.shape,
+                    expected=expected,
                 )
             aside.flags.writeable = False
             object.__setattr__(self, "aside_um", aside)
         object.__setattr__(self, "origin", dict(self.origin))
+
+    def _error(self, argument: str, finding: str, expected: str) -> StimulusError:
+        return StimulusError(
+            f"of {self.id} {finding}, expected {expected}",
+            argument=argument,
+            found=getattr(self, argument),
+            expected=expected,
+        )
 
     def __repr__(self) -> str:
         samples = self.displacement_um
@@ -67,23 +116,30 @@ class Stimulus:
             f"{samples.min():g} to {samples.max():g} um)"
         )
 
-    def sliding(self, speed_mm_per_s: float) -> "Stimulus":
+    def sliding(self, slide_mm_per_s: float) -> "Stimulus":
         """The same stimulus while the probe also slides along x from time 0 on.
+
+        Parameters
+        ----------
+        slide_mm_per_s
+            Speed in mm/s across the finger, negative to the left.
 
         Raises
         ------
         StimulusError
             A speed that is 0 or not finite.
         """
-        if not (np.isfinite(speed_mm_per_s) and speed_mm_per_s):
+        if not (np.isfinite(slide_mm_per_s) and slide_mm_per_s):
             raise StimulusError(
-                f"{self.id}: slides at {speed_mm_per_s:g} mm/s, expected a speed other than 0"
+                argument="slide_mm_per_s",
+                found=slide_mm_per_s,
+                expected="a finite number other than 0",
             )
         return replace(
             self,
-            id=f"{self.id}_slide_{speed_mm_per_s:g}",
-            aside_um=speed_mm_per_s * self.times_ms,  # 1 mm/s is 1 um/ms
-            origin={**self.origin, "slide_mm_per_s": float(speed_mm_per_s)},
+            id=f"{self.id}_slide_{slide_mm_per_s:g}",
+            aside_um=slide_mm_per_s * self.times_ms,  # 1 mm/s is 1 um/ms
+            origin={**self.origin, "slide_mm_per_s": float(slide_mm_per_s)},
         )
 
     @property
@@ -94,5 +150,5 @@ class Stimulus:
 
     @property
     def deepest_um(self) -> float:
-        """How deep the probe goes."""
+        """Largest depth of the probe in um."""
         return float(self.displacement_um.max())

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fembridge.errors import TraceError
-from fembridge.store import digest
+from fembridge.host.store import digest
 from fembridge.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -18,8 +18,11 @@ if TYPE_CHECKING:
 PA_PER_MPA = 1.0e6
 MS_PER_S = 1.0e3
 
+AFFERENTS = ("SA", "RA", "PC")
 AFFERENT_NAME = re.compile(r"[A-Z][A-Z0-9_]{0,39}")
 """Of a class: it becomes part of a set's name in a deck, and of a file's."""
+UNIT_NAME = re.compile(r"[A-Za-z0-9_.:-]{1,60}")
+"""Of a unit, where a class has several."""
 
 # Solvers print times with six to ten digits; a step may be off by that much.
 STEP_TOLERANCE = 1.0e-3
@@ -33,6 +36,17 @@ _FFT_SAMPLES = 1 << 20  # of a spectrum; a longer history is the sum of several
 # Resampled samples that take 1 GB, and those of one history whose spikes take 2 GB.
 _MANY_SAMPLES, _LONG_HISTORY, _COARSE = 1 << 27, 8_000_000, 20
 _MOST_SAMPLES = 10_000_000  # of a resampled history: 83 minutes of 0.5 ms
+
+
+def afferent_key(afferent: str, unit: str = "") -> str:
+    """Class and unit of an afferent as one name: ``SA``, or ``SA 12`` of several."""
+    return f"{afferent} {unit}" if unit else afferent
+
+
+def split_afferent_key(key: str) -> tuple[str, str]:
+    """Class and unit of an `afferent_key`; the unit is "" without one."""
+    afferent, _, unit = key.partition(" ")
+    return afferent, unit
 
 
 def seconds_to_ms(seconds: float) -> float:
@@ -51,12 +65,38 @@ def seconds_to_ms(seconds: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class StressTrace:
-    """Von Mises stress at one node: `stress_pa` ``(T,)``, every `dt_ms`.
+    """Von Mises stress at one node over time, in even steps.
 
-    The first sample is at `start_ms` (0 for a trace that knows its rest state,
-    `dt_ms` for one that holds solver increments only). `afferent` is the class
-    that sits at the node ("SA", "RA", "PC"), or None for a plain node. `unit` names the
-    unit and `stimulus` what it felt, where there are several.
+    Parameters
+    ----------
+    stress_pa
+        Stress in Pa, ``(T,)``, T at least 2.
+    dt_ms
+        Time step in ms, more than 0.
+    node
+        Number of the node in the solver, from 1.
+    afferent
+        Class of the afferent at the node: ``"SA"``, ``"RA"`` or ``"PC"``. Default: None, a
+        plain node.
+    start_ms
+        Time of the first sample in ms: `dt_ms` in a trace of solver increments without the
+        rest state. Default: 0.
+    unit
+        Name of the unit, where a class has several. Default: ``""``.
+    stimulus
+        Name of the stimulus, where there are several. Default: ``""``.
+
+    Raises
+    ------
+    TraceError
+        Stress that is not finite or not ``(T,)``, or a step that is not more than 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import fembridge as fb
+    >>> fb.StressTrace(np.linspace(0, 2e4, 501), dt_ms=0.5, node=461, afferent="SA")
+    StressTrace(SA, node 461, 501 samples every 0.5 ms, peak 20000 Pa)
     """
 
     stress_pa: FloatArray
@@ -70,16 +110,26 @@ class StressTrace:
     def __post_init__(self) -> None:
         stress = np.array(self.stress_pa, dtype=np.float64)
         if stress.ndim != 1 or stress.size < 2:
-            raise TraceError(f"node {self.node}: expected (T,), got {stress.shape}")
+            problem = f"of node {self.node} has shape {stress.shape}, expected (T,), T >= 2"
+            raise TraceError(problem, argument="stress_pa", found=stress.shape)
         bad = np.flatnonzero(~np.isfinite(stress))
         if bad.size:
-            raise TraceError(f"node {self.node}: stress is {stress[bad[0]]} at sample {bad[0]}")
+            problem = f"of node {self.node} is {stress[bad[0]]} at sample {bad[0]}"
+            raise TraceError(problem, argument="stress_pa", found=float(stress[bad[0]]))
         if not (np.isfinite(self.dt_ms) and self.dt_ms > 0):
-            raise TraceError(f"node {self.node}: dt_ms must be > 0, got {self.dt_ms}")
+            raise TraceError(argument="dt_ms", found=self.dt_ms, expected="more than 0")
         if not np.isfinite(self.start_ms):
-            raise TraceError(f"node {self.node}: trace starts at {self.start_ms} ms")
+            raise TraceError(argument="start_ms", found=self.start_ms, expected="a finite number")
         stress.flags.writeable = False
         object.__setattr__(self, "stress_pa", stress)
+
+    def _error(self, argument: str, finding: str, expected: str) -> TraceError:
+        return TraceError(
+            f"of node {self.node} {finding}, expected {expected}",
+            argument=argument,
+            found=getattr(self, argument),
+            expected=expected,
+        )
 
     def __repr__(self) -> str:
         who = f"{self.afferent}, " if self.afferent else ""
@@ -133,8 +183,8 @@ def resample(
 
     PCHIP through the samples: cubic between two of them, and never beyond them. The grid
     begins at the first sample and ends at the last or less than a step before it, so
-    nothing is extrapolated. `log` gets what is left out at the end, and which gap is
-    longer than a step.
+    nothing is extrapolated. `log` gets the time left out at the end and the gaps that
+    are longer than a step.
 
     Parameters
     ----------
@@ -149,8 +199,8 @@ def resample(
     """
     times_ms, values = np.asarray(times_ms, dtype=np.float64), np.asarray(values)
     if times_ms.ndim != 1 or times_ms.size < 2 or len(values) != times_ms.size:
-        held = "one sample" if times_ms.size == 1 else f"{times_ms.size} samples"
-        raise TraceError(f"{held}, expected two or more to resample")
+        plural = "" if times_ms.size == 1 else "s"
+        raise TraceError(f"{times_ms.size} sample{plural}, expected two or more to resample")
     if not (np.isfinite(times_ms).all() and np.isfinite(values).all()):
         raise TraceError("samples that are not finite cannot be resampled")
     gaps_ms = np.diff(times_ms)
@@ -234,8 +284,8 @@ def doubt_of_step(values: FloatArray, dt_ms: float, step_ms: float) -> str | Non
     share = float(above) / float(total) if total else 0.0
     if not share > _FOLDED_SHARE:  # nor where it is not a number
         return None
-    what = f"{100 * share:.0f} % of its power is above {limit_hz:g} Hz: "
-    return what + ("filter it first" if finer else "rates may be off: sample it every 0.5 ms")
+    loss = f"{100 * share:.0f} % of its power is above {limit_hz:g} Hz: "
+    return loss + ("filter it first" if finer else "rates may be off: sample it every 0.5 ms")
 
 
 def stacked(rows: Sequence[FloatArray]) -> FloatArray:
@@ -247,11 +297,11 @@ def stacked(rows: Sequence[FloatArray]) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Of which run traces are: what `fembridge.encode` takes where nobody says otherwise.
+    """The run that traces come from: defaults of `fembridge.encode`.
 
-    `window_ms` is where spikes count, `preindent_um` the depth of the probe before time 0,
-    `parameters` the set as `neural.ParameterSet.to_table` has it, and `finger` ``name`` and
-    ``sha256`` of the model; {} where unknown.
+    `window_ms` is the counting window of spikes, `preindent_um` the depth of the probe before
+    time 0, `parameters` a table of `neural.ParameterSet.to_table`, and `finger` has ``name``
+    and ``sha256`` of the model; {} if unknown.
     """
 
     stimulus: str
@@ -262,19 +312,32 @@ class Origin:
 
     def __post_init__(self) -> None:
         if len(self.window_ms) != 2:
-            raise ValueError(f"window_ms has {len(self.window_ms)} numbers, expected two")
+            raise TraceError(argument="window_ms", found=self.window_ms, expected="two numbers")
 
 
 def finger_id(table: Mapping[str, Any]) -> dict[str, str]:
-    """Name and digest of a finger, of which `table` is what `decks.presets.finger_table` gives."""
+    """Name and digest of a finger from its `table` (`decks.presets.finger_table`)."""
     return {"name": str(table.get("name", "")), "sha256": digest(table)}
+
+
+def model_id(origin: Mapping[str, Any]) -> dict[str, str]:
+    """Name and checksum of the finger or the deck of a response map, from its `origin`.
+
+    Empty where the origin has neither.
+    """
+    finger, base = origin.get("finger"), origin.get("base_deck")
+    if isinstance(finger, Mapping):
+        return finger_id(finger)
+    if isinstance(base, Mapping):
+        return {"name": str(base.get("file", "")), "sha256": str(base.get("sha256", ""))}
+    return {}
 
 
 class Traces(list[StressTrace]):
     """Stress histories, as `fembridge.read` gives them: a list that can become a table.
 
-    `origin` is the run that they are of, None where there is none; `windows_ms` where spikes
-    count, by stimulus, as far as that is known.
+    `origin` is the run that they come from, None if unknown; `windows_ms` has the known counting
+    windows by stimulus.
     """
 
     def __init__(
@@ -291,11 +354,13 @@ class Traces(list[StressTrace]):
     def to_frame(self) -> "pandas.DataFrame":
         """Table ``time_ms, afferent, node, von_mises_pa``, a row a sample, trace by trace.
 
-        Where they are named, ``stimulus`` and ``unit`` stand in front.
+        Columns ``stimulus`` and ``unit`` come first, if traces have them.
         """
         import pandas
 
-        named = [name for name in ("stimulus", "unit") if any(getattr(one, name) for one in self)]
+        named = [
+            name for name in ("stimulus", "unit") if any(getattr(trace, name) for trace in self)
+        ]
         frames = [
             pandas.DataFrame(
                 {

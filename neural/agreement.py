@@ -90,8 +90,10 @@ def agreement(observed_ips: ArrayLike, predicted_ips: ArrayLike) -> Agreement:
         for rates, name in ((observed_ips, "observed_ips"), (predicted_ips, "predicted_ips"))
     )
     if observed.size != predicted.size:
+        expected = f"{observed.size} rates, as many as observed"
+        problem = f"has {predicted.size} rates, expected {expected}"
         raise ParameterError(
-            f"{observed.size} observed and {predicted.size} predicted rates, expected equal numbers"
+            problem, argument="predicted_ips", found=predicted.size, expected=expected
         )
     nan, count = math.nan, observed.size
     if np.ptp(observed) <= EQUAL_IPS:
@@ -118,8 +120,10 @@ def _checked(rates_ips: ArrayLike, name: str) -> FloatArray:
     """Rates as float64 ``(N,)``, N ≥ 1, all finite."""
     rates = np.asarray(rates_ips, dtype=np.float64)
     if rates.ndim != 1 or not rates.size:
-        raise ParameterError(f"{name} of shape {rates.shape}, expected (N,) with N >= 1")
+        problem = f"has shape {rates.shape}, expected (N,) with N >= 1"
+        raise ParameterError(problem, argument=name, found=rates.shape)
     bad = np.flatnonzero(~np.isfinite(rates))
     if bad.size:
-        raise ParameterError(f"{name} is {rates[bad[0]]} at row {bad[0]}")
+        value = float(rates[bad[0]])
+        raise ParameterError(f"is {value} at row {bad[0]}", argument=name, found=value)
     return rates

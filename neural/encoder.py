@@ -1,9 +1,9 @@
 """From the stress at an afferent to the times of its spikes.
 
 Stress is ``(T,)``, or ``(T, condition)`` for traces that share one time axis; row 0
-is at `start_ms`, where the membrane is at rest. `encode_cells` has the cells that stand for
-a class, at fixed quantiles of its sensitivity, under one stress. `encode_units` has the
-fibres of a population, each with its own stress and its own deviate.
+is at `start_ms`, where the membrane is at rest. `encode_cells` encodes one stress by the cells
+of a class, at fixed quantiles of its sensitivity. `encode_units` encodes a population of
+units, each with its own stress and deviate.
 """
 
 import math
@@ -22,34 +22,34 @@ from neural.lif import Membrane, State, fire
 from neural.models import model_of
 from neural.parameters import AfferentParameters, Parameters, quantiles
 
-# Solvers print times with six digits or more; a step may be off by that much. At
-# 250 ms that is 0.025 ms, a twentieth of a sample.
+# Solvers print times with six digits or more, so a step may be off by this share. At
+# 250 ms this is 0.025 ms, a twentieth of a sample.
 _STEP_TOLERANCE = 1.0e-4
 
-# How many membranes are computed at once, and how many numbers of their currents and rows: of a
-# trace of an hour, or of a hundred thousand membranes, little is in memory beside the spikes.
+# Numbers of membranes, of values of their currents and of rows that are computed at once. They
+# limit the memory for a trace of an hour, or for a hundred thousand membranes.
 _MEMBRANES, _NUMBERS, _ROWS = 1 << 12, 1 << 21, 1 << 16
 _LEAST_ROWS = 64
-# ... of units, whose stress may take some time for each part.
+# The same for units; larger, since each part of their stress has a fixed cost.
 _UNIT_NUMBERS = 1 << 23
 
 
-class StressOfUnits(Protocol):
-    """Stress at units ``(T, unit)`` in Pa that is made a part at a time."""
+class UnitStress(Protocol):
+    """Stress at units, ``(T, unit)`` in Pa, computed part by part."""
 
     @property
     def samples(self) -> int:
         """T, two or more."""
         ...
 
-    def of(self, rows: IntArray) -> Callable[[int, int], FloatArray]:
-        """What makes the stress of the units `rows` from one sample up to another."""
+    def reader(self, rows: IntArray) -> Callable[[int, int], FloatArray]:
+        """Function of a first and an end sample that returns the stress of the units `rows`."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Whole:
-    """An array as `StressOfUnits`."""
+class _StressArray:
+    """An array as `UnitStress`."""
 
     stress_pa: FloatArray
 
@@ -57,7 +57,7 @@ class _Whole:
     def samples(self) -> int:
         return len(self.stress_pa)
 
-    def of(self, rows: IntArray) -> Callable[[int, int], FloatArray]:
+    def reader(self, rows: IntArray) -> Callable[[int, int], FloatArray]:
         return lambda first, last: self.stress_pa[first:last, rows]
 
 
@@ -74,28 +74,28 @@ def encode(
     ----------
     stress_pa
         Stress at the afferent, ``(T,)`` or ``(T, condition)`` in Pa: von Mises
-        stress, or what the model of the parameters reads.
+        stress, or the quantity that the model of the parameters reads.
     dt_ms
-        Time between two samples; the one that the parameters were fitted at.
+        Time between two samples in ms; must be that of the parameters.
     parameters
-        Of one class and one cell, such as ``PUBLISHED["RA"]``; `encode_cells` is for
-        more.
+        Parameters of one class with one cell, such as ``PUBLISHED["RA"]``. For several
+        cells use `encode_cells`.
     start_ms
-        Time of the first sample.
+        Time of the first sample in ms. Default: 0.
     derivative
-        Scheme of σ′ and σ″, one of `neural.filters.DERIVATIVES`.
+        Scheme of σ′ and σ″, one of `neural.filters.DERIVATIVES`. Default: ``backward``.
 
     Returns
     -------
     list of ndarray
-        Spike times in ms, one array a condition (one for ``(T,)``). A spike stands
-        on a sample of the trace, never on the first.
+        Spike times in ms, one array per condition (one for ``(T,)``). A spike is at
+        the time of a sample, never of the first.
 
     Raises
     ------
     ParameterError
-        A time step that is not the parameters', an unknown scheme, or more than one
-        cell.
+        Another time step than that of the parameters, an unknown scheme, or more than
+        one cell.
     TraceError
         Samples that are not a stress history.
 
@@ -110,8 +110,10 @@ def encode(
     """
     if parameters.cells != 1:
         raise ParameterError(
-            f"{parameters.afferent}: {parameters.cells} cells, expected one; "
-            "encode_cells gives the spikes of each"
+            f"has {parameters.cells} cells, expected one; encode_cells encodes several",
+            argument="parameters",
+            found=parameters.cells,
+            expected="one cell",
         )
     return [cells[0] for cells in encode_cells(stress_pa, dt_ms, parameters, start_ms, derivative)]
 
@@ -125,12 +127,12 @@ def encode_cells(
 ) -> list[list[FloatArray]]:
     """Spike times of each cell of a population, the most sensitive first.
 
-    Arguments and errors are those of `encode`. The list has an entry a condition,
-    each a list of one array a cell; the rate of the population is their mean.
+    Arguments and errors are those of `encode`. The list has one entry per condition,
+    a list with one array per cell. The rate of the population is the mean over cells.
     """
-    chosen = {parameters.afferent: parameters}
+    class_parameters = {parameters.afferent: parameters}
     stress = {parameters.afferent: stress_pa}
-    [cells] = encode_afferents(stress, dt_ms, chosen, start_ms, derivative).values()
+    [cells] = encode_afferents(stress, dt_ms, class_parameters, start_ms, derivative).values()
     return cells
 
 
@@ -141,35 +143,35 @@ def encode_afferents(
     start_ms: float = 0.0,
     derivative: str = "backward",
 ) -> dict[str, list[list[FloatArray]]]:
-    """Spike times of several classes at once: one loop over time for all.
+    """Spike times of several classes, in one loop over time.
 
-    `stress_pa` is by class, ``(T,)`` or ``(T, condition)`` with one T; the other
-    arguments and the errors are those of `encode`, the entries of the result those
-    of `encode_cells`.
+    `stress_pa` has the stress of each class, ``(T,)`` or ``(T, condition)`` with the same T.
+    The other arguments and the errors are those of `encode`; the result has one entry per
+    class, as `encode_cells` returns it.
     """
     checked = {name: checked_stress(stress) for name, stress in stress_pa.items()}
     if len({len(stress) for stress in checked.values()}) != 1:
         raise TraceError("stress of unequal lengths, expected one time axis")
-    found: dict[str, list[list[FloatArray]]] = {name: [] for name in checked}
-    for some in _batches(checked, parameters):
-        for name, cells in _encoded(some, dt_ms, parameters, start_ms, derivative).items():
-            found[name] += cells
-    return found
+    spikes: dict[str, list[list[FloatArray]]] = {name: [] for name in checked}
+    for batch in _batches(checked, parameters):
+        for name, cells in _encoded(batch, dt_ms, parameters, start_ms, derivative).items():
+            spikes[name] += cells
+    return spikes
 
 
 def _batches(
     stress: Mapping[str, FloatArray], parameters: Parameters
 ) -> Iterator[Mapping[str, FloatArray]]:
-    """All of `stress`, or where that is more than some thousand membranes, parts of it."""
-    columns = {name: each.reshape(len(each), -1) for name, each in stress.items()}
+    """Parts of `stress` with at most `_MEMBRANES` membranes; one part where all fit."""
+    columns = {name: columns_pa.reshape(len(columns_pa), -1) for name, columns_pa in stress.items()}
     cells = {name: parameters[name].cells for name in stress}
     if sum(cells[name] * columns[name].shape[1] for name in stress) <= _MEMBRANES:
         yield stress
         return
-    for name, each in columns.items():
+    for name, columns_pa in columns.items():
         step = max(1, _MEMBRANES // cells[name])
-        for first in range(0, each.shape[1], step):
-            yield {name: each[:, first : first + step]}
+        for first in range(0, columns_pa.shape[1], step):
+            yield {name: columns_pa[:, first : first + step]}
 
 
 def _encoded(
@@ -179,57 +181,59 @@ def _encoded(
     start_ms: float,
     derivative: str,
 ) -> dict[str, list[list[FloatArray]]]:
-    """Spike times as of `encode_afferents`, part by part of the time.
+    """Spike times as in `encode_afferents`, computed part by part in time.
 
-    Of a part a filter sees what is around it, too; what a membrane holds goes on to the next.
+    A filter also reads samples around a part; the state of a membrane continues in the next.
     """
-    chosen = {name: parameters[name] for name in stress}
-    for one in chosen.values():
-        check_step(one, dt_ms)
-    needs = [np.exp(one.spread * quantiles(one.cells)) for one in chosen.values()]
+    class_parameters = {name: parameters[name] for name in stress}
+    for values in class_parameters.values():
+        check_step(values, dt_ms)
+    stress_factors = [
+        np.exp(values.spread * quantiles(values.cells)) for values in class_parameters.values()
+    ]
     shapes = [
-        (1 + model_of(one).two_way, one.cells, stress[name].size // len(stress[name]))
-        for name, one in chosen.items()
+        (1 + model_of(values).two_way, values.cells, stress[name].size // len(stress[name]))
+        for name, values in class_parameters.items()
     ]
     sizes = [math.prod(shape) for shape in shapes]
-    membrane = Membrane.joined([_membrane(one) for one in chosen.values()], sizes)
+    membrane = Membrane.joined([_membrane(values) for values in class_parameters.values()], sizes)
     samples = len(next(iter(stress.values())))
-    step_ms = next(iter(chosen.values())).dt_ms
+    step_ms = next(iter(class_parameters.values())).dt_ms
     step = max(_LEAST_ROWS, min(_ROWS, _NUMBERS // sum(sizes)))
     state = State.at_rest(sum(sizes))
     currents = [
-        _currents(partial(_rows_of, stress[name]), samples, one, derivative, need, step)
-        for (name, one), need in zip(chosen.items(), needs, strict=True)
+        _currents(partial(_rows_of, stress[name]), samples, values, derivative, factors, step)
+        for (name, values), factors in zip(class_parameters.items(), stress_factors, strict=True)
     ]
     parts = []
     first = 0
-    for together in zip(*currents, strict=True):
-        rows, membranes = fire(np.concatenate(together, axis=1), membrane, state)
+    for part_currents in zip(*currents, strict=True):
+        rows, membranes = fire(np.concatenate(part_currents, axis=1), membrane, state)
         parts.append((rows + first, membranes))
-        first += len(together[0])
+        first += len(part_currents[0])
     rows, membranes = map(np.concatenate, zip(*parts, strict=True))
     order = np.argsort(membranes, kind="stable")
-    # The step that row k feeds ends at sample k + 1.
+    # The current of row k acts until sample k + 1.
     times_ms = start_ms + (rows[order] + 1.0) * step_ms
     trains = np.split(times_ms, np.searchsorted(membranes[order], np.arange(1, sum(sizes))))
-    found: dict[str, list[list[FloatArray]]] = {}
-    for name, (ways, cells, conditions), end in zip(
-        chosen, shapes, np.cumsum(sizes).tolist(), strict=True
+    spikes: dict[str, list[list[FloatArray]]] = {}
+    for name, (membranes_per_cell, cells, conditions), end in zip(
+        class_parameters, shapes, np.cumsum(sizes).tolist(), strict=True
     ):
-        mine = trains[end - ways * cells * conditions : end]
-        if ways == 2:
+        class_trains = trains[end - membranes_per_cell * cells * conditions : end]
+        if membranes_per_cell == 2:
             half = cells * conditions
-            pairs = zip(mine[:half], mine[half:], strict=True)
-            mine = [np.sort(np.concatenate(pair)) for pair in pairs]
-        found[name] = [mine[condition::conditions] for condition in range(conditions)]
-    return found
+            pairs = zip(class_trains[:half], class_trains[half:], strict=True)
+            class_trains = [np.sort(np.concatenate(pair)) for pair in pairs]
+        spikes[name] = [class_trains[condition::conditions] for condition in range(conditions)]
+    return spikes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnitSpikes:
-    """Spikes in order of unit, then of trial, then of time: ``(spike,)`` each.
+    """Spikes sorted by unit, trial and time, ``(spike,)`` each.
 
-    `unit` counts the units from 0, `trial` from 1.
+    `unit` is an index from 0, `trial` a number from 1.
     """
 
     unit: IntArray
@@ -238,7 +242,7 @@ class UnitSpikes:
 
 
 def encode_units(
-    stress_pa: FloatArray | StressOfUnits,
+    stress_pa: FloatArray | UnitStress,
     afferent: Sequence[str],
     dt_ms: float,
     parameters: Parameters,
@@ -250,27 +254,35 @@ def encode_units(
     rng: np.random.Generator | None = None,
     derivative: str = "backward",
 ) -> UnitSpikes:
-    """Spikes of units of several classes in one pass.
+    """Spikes of units of several classes.
 
-    Trials differ by noise: a random step is added to a membrane's potential every sample,
-    so that it grows as the square root of time, and leaks with the potential.
+    Trials differ by noise: at each sample a random step is added to the potential of a
+    membrane. Without leak, the standard deviation grows with the square root of time.
 
     Parameters
     ----------
     stress_pa
-        Von Mises stress at each unit, ``(T, unit)`` in Pa, or what makes parts of it.
+        Von Mises stress at each unit, ``(T, unit)`` in Pa, or a `UnitStress`.
     afferent
         Class of each unit.
     dt_ms
-        Time between two samples, the one that the parameters were fitted at.
+        Time between two samples in ms; must be that of the parameters.
     parameters
-        Of each class.
+        Parameters of each class.
     deviate
-        ``(unit,)``: one of deviate q needs ``exp(spread q)`` times the stress of the median
-        unit, where spread is its class's; None: 0.
-    trials, noise_mv, rng
-        How often, with how much noise: the standard deviation that it would give the
-        potential in 1 ms without leak. 0 makes all trials equal.
+        Deviates ``(unit,)``: a unit with deviate q needs ``exp(spread q)`` times the stress
+        of the median unit, with the spread of its class. Default: 0.
+    start_ms
+        Time of the first sample in ms. Default: 0.
+    trials
+        Number of trials. Default: 1.
+    noise_mv
+        Standard deviation in mV of the potential after 1 ms of noise without leak. Default:
+        0, which makes all trials equal.
+    rng
+        Random generator, required with noise. Default: None.
+    derivative
+        Scheme of σ′ and σ″, one of `neural.filters.DERIVATIVES`. Default: ``backward``.
 
     Raises
     ------
@@ -280,54 +292,64 @@ def encode_units(
         Samples that are not a stress history.
     """
     names = np.array(afferent, dtype=object)
-    stress: StressOfUnits
+    stress: UnitStress
     if isinstance(stress_pa, np.ndarray):
         array = checked_stress(stress_pa)
         if array.ndim != 2 or array.shape[1] != names.size:
-            raise TraceError(f"stress {array.shape}, expected (T, {names.size})")
-        stress = _Whole(array)
+            expected = f"(T, {names.size})"
+            problem = f"has shape {array.shape}, expected {expected}"
+            raise TraceError(problem, argument="stress_pa", found=array.shape, expected=expected)
+        stress = _StressArray(array)
     else:
         stress = stress_pa
     if unknown := sorted(set(afferent) - set(parameters)):
-        raise ParameterError(f"no parameters of {', '.join(unknown)}")
+        problem = f"has {', '.join(unknown)}, without parameters"
+        raise ParameterError(problem, argument="afferent", found=unknown[0])
     if not (noise_mv >= 0 and np.isfinite(noise_mv)):
-        raise ParameterError(f"noise_mv is {noise_mv}, expected 0 or more")
+        raise ParameterError(argument="noise_mv", found=noise_mv, expected="0 or more")
     if noise_mv and rng is None:
-        raise ParameterError("noise takes a random generator")
+        raise ParameterError("noise requires a random generator", argument="rng")
     deviates = np.zeros(names.size) if deviate is None else np.asarray(deviate, dtype=np.float64)
     parts: list[tuple[IntArray, IntArray, FloatArray]] = []
     for name in dict.fromkeys(afferent):
-        one = parameters[name]
-        check_step(one, dt_ms)
-        model, needs = model_of(one), np.exp(one.spread * deviates)
+        values = parameters[name]
+        check_step(values, dt_ms)
+        model, stress_factors = model_of(values), np.exp(values.spread * deviates)
         if model.quantity != "von_mises":
             raise ParameterError(
-                f"model {one.drive!r} of {name} reads {model.quantity}, expected one that reads "
+                f"model {values.drive!r} of {name} reads {model.quantity}, expected a model of "
                 "von Mises stress"
             )
-        membrane = _membrane(one)
+        membrane = _membrane(values)
         units = np.flatnonzero(names == name)
         width = max(1, _MEMBRANES // trials)
         for first in range(0, units.size, width):
-            mine = units[first : first + width]
-            count = trials * mine.size * (1 + model.two_way)
+            batch_units = units[first : first + width]
+            count = trials * batch_units.size * (1 + model.two_way)
             state = State.at_rest(count)
             step = max(_LEAST_ROWS, min(_ROWS, _UNIT_NUMBERS // count))
             currents = _currents(
-                stress.of(mine), stress.samples, one, derivative, needs[np.newaxis, mine], step
+                stress.reader(batch_units),
+                stress.samples,
+                values,
+                derivative,
+                stress_factors[np.newaxis, batch_units],
+                step,
             )
             for part, fed in enumerate(currents):
                 current = np.tile(fed, (1, trials)) if trials > 1 else fed
                 if noise_mv and rng is not None:
-                    size_mv = noise_mv / np.sqrt(one.dt_ms)
+                    size_mv = noise_mv / np.sqrt(values.dt_ms)
                     current = current + size_mv * rng.standard_normal(current.shape)
                 rows, membranes = fire(current, membrane, state)
-                times_ms = start_ms + (part * step + rows + 1.0) * one.dt_ms
+                times_ms = start_ms + (part * step + rows + 1.0) * values.dt_ms
                 trial = membranes // (count // trials) + 1
-                parts.append((mine[membranes % mine.size], trial, np.asarray(times_ms)))
+                parts.append(
+                    (batch_units[membranes % batch_units.size], trial, np.asarray(times_ms))
+                )
     if not parts:
         return UnitSpikes(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
-    unit, trial, time_ms = (np.concatenate(each) for each in zip(*parts, strict=True))
+    unit, trial, time_ms = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     order = np.lexsort((time_ms, trial, unit))
     return UnitSpikes(unit[order], trial[order], time_ms[order])
 
@@ -341,57 +363,67 @@ def _currents(
     samples: int,
     parameters: AfferentParameters,
     derivative: str,
-    needs: FloatArray,
+    stress_factors: FloatArray,
     step: int,
 ) -> Iterator[FloatArray]:
-    """Currents ``(step, membrane)`` in mV/ms of one part of a trace after the other.
+    """Currents ``(step, membrane)`` in mV/ms, part by part of a trace.
 
-    `stress_at` makes the stress from one sample up to another. Of a part a filter sees what is
-    around it, too; what a recursive filter holds goes on to the next part. The current of the
-    last sample would act after the trace: it is left out.
+    `stress_at` returns the stress from a first up to an end sample. A filter also reads
+    samples around a part; the state of a recursive filter continues in the next part. The
+    current of the last sample is omitted: it would act after the trace.
     """
     model = model_of(parameters)
-    around = model.samples_around(parameters.dt_ms)
+    samples_around = model.samples_around(parameters.dt_ms)
     pasts = [Past() for _ in model.filters]
     for first in range(0, samples - 1, step):
         last = min(first + step, samples - 1)
-        begin, end = max(0, first - around), min(samples, last + 1 + around)
+        begin, end = max(0, first - samples_around), min(samples, last + 1 + samples_around)
         for past in pasts:
             past.before, past.count = first - begin, last - first
-        current = _current(stress_at(begin, end), parameters, derivative, needs, pasts)
+        current = _membrane_currents(
+            stress_at(begin, end), parameters, derivative, stress_factors, pasts
+        )
         yield current[first - begin : last - begin].reshape(last - first, -1)
 
 
 def check_step(parameters: AfferentParameters, dt_ms: float) -> None:
-    """Refuse a time step that `parameters` do not hold for."""
+    """Raise ParameterError where `dt_ms` is not the time step of `parameters`."""
     step_ms = parameters.dt_ms
     if not abs(dt_ms - step_ms) <= _STEP_TOLERANCE * step_ms:
         raise ParameterError(
-            f"{parameters.afferent}: the trace has a sample every {dt_ms:g} ms, its "
-            f"parameters hold for {step_ms:g} ms; resample the trace"
+            f"is {dt_ms:g} ms, but the parameters of {parameters.afferent} require {step_ms:g} ms; "
+            "resample the trace",
+            argument="dt_ms",
+            found=dt_ms,
+            expected=f"{step_ms:g}",
         )
 
 
-def _current(
+def _membrane_currents(
     stress: FloatArray,
     parameters: AfferentParameters,
     derivative: str,
-    needs: FloatArray,
+    stress_factors: FloatArray,
     pasts: Sequence[Past] | None = None,
 ) -> FloatArray:
-    """Current ``(T, way, cell, condition)`` in mV/ms of membranes that need `needs` times as much.
+    """Current ``(T, membrane of a cell, cell, condition)`` in mV/ms.
 
-    Of a two-way model those of all first membranes, then of all second ones. `stress` is
-    ``(T,)`` or ``(T, condition)``, `needs` ``(cell,)``, or of units, one cell each, ``(1, unit)``.
+    `stress` is ``(T,)`` or ``(T, condition)``. A cell needs its entry of `stress_factors` times
+    the stress of the median cell for the same current; they are ``(cell,)``, or ``(1, unit)``
+    for units of one cell each.
     """
     model = model_of(parameters)
     filtered = model.filtered(stress, parameters.dt_ms, derivative, pasts)
-    columns = [each.reshape(len(each), -1) for each in filtered]
-    ways = model.ways(parameters.by_name())
-    current = np.empty((len(stress), len(ways), len(needs), columns[0].shape[1]))
-    for way, own in enumerate(ways):
-        for cell, need in enumerate(needs):
-            current[:, way, cell] = own.for_need(need).current(columns)
+    columns = [quantity.reshape(len(quantity), -1) for quantity in filtered]
+    membrane_coefficients = model.membrane_coefficients(parameters.by_name())
+    current = np.empty(
+        (len(stress), len(membrane_coefficients), len(stress_factors), columns[0].shape[1])
+    )
+    for membrane, coefficients in enumerate(membrane_coefficients):
+        for cell, stress_factor in enumerate(stress_factors):
+            current[:, membrane, cell] = coefficients.scaled_for_cell(stress_factor).current(
+                columns
+            )
     return current
 
 

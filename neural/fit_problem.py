@@ -18,7 +18,7 @@ from neural.counts import candidate_counts
 from neural.encoder import encode_cells
 from neural.filters import checked_stress
 from neural.lif import Membrane, fire
-from neural.models import Coefficients, Free, Model
+from neural.models import AfferentModel, Coefficients, Free
 from neural.parameters import AfferentParameters, quantiles
 from neural.rates import window_rows
 from neural.timing import van_rossum_distance, victor_purpura_distance
@@ -70,7 +70,7 @@ class FitProblem:
         Further objectives. Default: none.
     """
 
-    model: Model
+    model: AfferentModel
     stress_pa: FloatArray
     observed_ips: FloatArray
     groups: tuple[str, ...]
@@ -162,8 +162,8 @@ class FitProblem:
         for name, column in free_by_name.items():
             values_by_name[name] = np.repeat(column, self.cells)[:, np.newaxis]
         coefficients = tuple(
-            rises_or_falls.for_need(stress_factor)
-            for rises_or_falls in self.model.ways(values_by_name)
+            rises_or_falls.scaled_for_cell(stress_factor)
+            for rises_or_falls in self.model.membrane_coefficients(values_by_name)
         )
         return self.model.membrane(values_by_name, self.dt_ms), coefficients
 

@@ -18,14 +18,15 @@ describe the origin and are kept; of ``fit`` only the finger and the equations a
 Numbers fitted with another equation than this version's, and unknown keys, are refused.
 """
 
-from collections.abc import Mapping
+import os
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 
 from fembridge.errors import ParameterError, UsageError
-from fembridge.store import changed, near_hint, read_toml, structure
+from fembridge.host.store import changed, near_hint, read_toml, structure
 from fembridge.typing import Table
 from neural.models import model_named, model_of
 from neural.parameters import AFFERENTS, PUBLISHED, AfferentParameters, Parameters
@@ -43,6 +44,7 @@ SET_NAMES = ("published", "fitted", "fitted_pad")
 
 _DEEPEST_UM = 10_000.0  # more than the thickness of the pad
 _LONGEST_NAME = 255  # as that of a file
+_LONGEST_SHOWN = 40  # of a name in a message
 
 _ORIGIN_KEYS = ("name", "fit", "study")
 _NO_SECTIONS = {"base", "preindent_um", *_ORIGIN_KEYS}
@@ -53,9 +55,21 @@ _BASE_HINT = '; a file of some classes or keys begins with base = "fitted" or "p
 class ParameterSet:
     """Parameters of all classes, with the finger and pre-indentation of their fit.
 
-    `preindent_um`, >= 0, is the depth of the probe in um before time 0 in the fit. `finger`
-    is the finger of the fit: ``name``, and ``sha256`` unless it is a preset; empty for
-    Table 2. `origin` describes how the numbers were obtained.
+    `neural.parameter_set` makes one of a name or a file.
+
+    Parameters
+    ----------
+    name
+        Name in records.
+    parameters
+        Parameters by the name of the class.
+    preindent_um
+        Depth of the probe in um before time 0 in the fit, 0 or more. Default: 0.
+    origin
+        How the numbers were obtained. Default: empty.
+    finger
+        Finger of the fit: ``name``, and ``sha256`` unless it is a preset. Default: empty, as
+        of Table 2.
     """
 
     name: str
@@ -63,6 +77,16 @@ class ParameterSet:
     preindent_um: float = 0.0
     origin: Mapping[str, object] = field(default_factory=dict)
     finger: Mapping[str, str] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        drives = ", ".join(f"{name} {part.drive}" for name, part in self.parameters.items())
+        return f"ParameterSet({self.name!r}, {drives}, pre-indentation {self.preindent_um:g} um)"
+
+    def __reduce__(self) -> tuple[Callable[..., "ParameterSet"], tuple[object, ...]]:
+        if self.to_table() == {"name": self.name}:
+            return parameter_set, (self.name,)
+        values = (dict(self.parameters), self.preindent_um, dict(self.origin), dict(self.finger))
+        return ParameterSet, (self.name, *values)
 
     def to_table(self) -> Table:
         """Table for the record of a run: a shipped set by its name, others complete.
@@ -84,18 +108,35 @@ class ParameterSet:
     def from_table(cls, table: Table, name: str, source: str) -> "ParameterSet":
         """Parameter set from the table of a file or of `to_table`.
 
-        `name` is used where the table has none; `source` begins the message of a
-        `ParameterError`.
+        Parameters
+        ----------
+        table
+            Content of the file.
+        name
+            Name of the set where the table has none.
+        source
+            Path that a `ParameterError` names.
+
+        Raises
+        ------
+        ParameterError
+            An unknown key, a missing section or key, or a number outside its range.
         """
         if set(table) == {"name"}:
             if table["name"] not in SET_NAMES:
-                message = f"no parameter set {table['name']!r}, expected {' or '.join(SET_NAMES)}"
-                raise ParameterError(f"{source}: {message}")
+                raise ParameterError(
+                    path=Path(source),
+                    key="name",
+                    found=table["name"],
+                    expected=f"one of {', '.join(SET_NAMES)}",
+                )
             return _shipped(table["name"])
         try:
             base = table.get("base")
             if base is not None and base not in SET_NAMES:
-                raise ParameterError(f"base is {base!r}, expected {' or '.join(SET_NAMES)}")
+                raise ParameterError(
+                    key="base", found=base, expected=f"one of {', '.join(SET_NAMES)}"
+                )
             base_set = parameter_set(base or SET_NAMES[0])
             head = {"name": name, "preindent_um": base_set.preindent_um}
             head |= {key: table[key] for key in head if key in table}
@@ -106,7 +147,7 @@ class ParameterSet:
             for afferent in sections:
                 _check_equation(_part(fit, afferent), parameters[afferent])
         except ParameterError as error:
-            raise ParameterError(f"{source}: {error}") from error
+            raise ParameterError.from_error(error, Path(source)) from error
         finger, response = base_set.finger, _part(fit, "response")
         if "finger" in response:
             identity = {"name": response["finger"], "sha256": response.get("finger_sha256")}
@@ -123,12 +164,15 @@ class _Head:
     def __post_init__(self) -> None:
         if not 0 <= self.preindent_um <= _DEEPEST_UM:
             raise ParameterError(
-                f"preindent_um is {self.preindent_um}, expected a number >= 0, at most "
-                f"{_DEEPEST_UM:g}"
+                argument="preindent_um",
+                found=self.preindent_um,
+                expected=f"a number >= 0, at most {_DEEPEST_UM:g}",
             )
         if not 0 < len(self.name) <= _LONGEST_NAME or not self.name.isprintable():
             raise ParameterError(
-                f"name is {self.name[:40]!r}, expected 1 to {_LONGEST_NAME} printable characters"
+                argument="name",
+                found=self.name[:_LONGEST_SHOWN],
+                expected=f"1 to {_LONGEST_NAME} printable characters",
             )
 
 
@@ -149,11 +193,16 @@ def parameter_set(source: str | Path | ParameterSet) -> ParameterSet:
         return source
     if source in SET_NAMES:
         return _shipped(str(source))
+    expected = f"{' or '.join(SET_NAMES)} or a TOML file"
+    if not isinstance(source, str | os.PathLike):
+        raise UsageError(argument="parameters", found=source, expected=expected)
     path = Path(source)
     if isinstance(source, Path) or (source and (path.suffix or path.exists())):
-        return ParameterSet.from_table(read_toml(path, ParameterError), path.stem, str(path))
-    names = " or ".join(SET_NAMES)
-    raise UsageError(f"no parameter set {source!r}, expected {names} or a TOML file")
+        return ParameterSet.from_table(
+            read_toml(path, ParameterError.at(path)), path.stem, str(path)
+        )
+    expected = f"{', '.join(SET_NAMES)} or a TOML file"
+    raise UsageError(argument="parameters", found=str(source), expected=expected)
 
 
 @cache
@@ -170,7 +219,12 @@ def _parameters_of(sections: Table, base: Parameters | None) -> Parameters:
         if afferent not in PUBLISHED:
             hint = near_hint(afferent, AFFERENTS)
             expected = ", ".join(AFFERENTS)
-            raise ParameterError(f"unknown section {afferent!r}, expected {expected}{hint}")
+            raise ParameterError(
+                f"is an unknown section, expected {expected}{hint}",
+                key=afferent,
+                found=afferent,
+                expected=expected,
+            )
         previous = parameters[afferent]
         drive = section.get("drive") if isinstance(section, dict) else None
         hint = ""
@@ -182,10 +236,12 @@ def _parameters_of(sections: Table, base: Parameters | None) -> Parameters:
                 hint = _BASE_HINT if not base and _lacks_keys(section, kind) else ""
                 parameters[afferent] = structure(section, kind, ParameterError)
         except ParameterError as error:
-            prefix = f"{afferent}: "
-            raise ParameterError(f"{prefix}{str(error).removeprefix(prefix)}{hint}") from error
-    if not base and (absent := [f"section {name}" for name in AFFERENTS if name not in sections]):
-        raise ParameterError(f"{' and '.join(absent)}: absent{_BASE_HINT}")
+            failure = ParameterError.from_error(error, section=afferent)
+            failure.problem += hint
+            raise failure from error
+    if not base and (absent := [name for name in AFFERENTS if name not in sections]):
+        verb = "is" if len(absent) == 1 else "are"
+        raise ParameterError(f"{verb} absent{_BASE_HINT}", key=", ".join(absent))
     return MappingProxyType(parameters)
 
 
@@ -196,8 +252,9 @@ def _check_equation(row: Table, parameters: AfferentParameters) -> None:
         return
     if row.get("equation", model.equation) != model.equation:
         raise ParameterError(
-            f"{model.afferent}: fitted with another equation of {model.name} than this "
-            "version's: fit it again"
+            f"is not that of {model.name} in this version: fit it again",
+            key=f"fit.{model.afferent}.equation",
+            found=row["equation"],
         )
 
 

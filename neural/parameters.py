@@ -1,8 +1,8 @@
 """Parameters of the three afferent classes, of the paper's model and of ours.
 
-What all have in common is in `AfferentParameters`; what a model's filters and current
-need is in a class of its own. ``drive`` names the row of `neural.models` whose equation
-the numbers belong to.
+`AfferentParameters` has the common parameters; a subclass adds those of the filters and
+the current of a model. ``drive`` names the model of `neural.models` that the numbers
+belong to.
 """
 
 import math
@@ -23,27 +23,26 @@ REST_MV = -65.0
 # Section 2.2: the time step of the calculation and of the fit, in ms.
 DT_MS = 0.5
 
-MOST_CELLS = 1000
+MAX_CELLS = 1000
 
 _MAY_BE_ZERO = ("refractory_ms", "spread", "jump_mv")
 _POTENTIALS = ("rest_mv", "threshold_mv")
 
-# A refractory period that no stimulus outlasts is a mistake.
-_MOST = {"refractory_ms": 1.0e5, "spread": 10.0}
-# Beyond these a product of two parameters may be infinite, and no afferent has such a number.
+# A refractory period longer than every stimulus is a mistake.
+_MAXIMA = {"refractory_ms": 1.0e5, "spread": 10.0}
+# Beyond these a product of two parameters may be infinite; no afferent has such a value.
 _SMALLEST, _LARGEST = 1.0e-12, 1.0e12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AfferentParameters:
-    """What every class has: a membrane, how its cells differ, how it adapts.
+    """Common parameters of a class: membrane, cells and adaptation.
 
-    `dt_ms` is the time step at which the numbers hold: filters (3) and (4) take
-    differences that are not divided by it. A recorded rate is a mean over afferents:
-    `cells` of them stand for the population, and `spread` is the standard deviation
-    of the logarithm of their sensitivity to stress. `jump_mv` is what a spike adds
-    to the threshold, `recovery_ms` the time constant with which that is lost. The
-    paper has one cell and a fixed threshold.
+    The numbers are valid at the time step `dt_ms`, since differences in filters (3) and (4)
+    are not divided by it. A recorded rate is a mean over afferents: `cells` cells represent
+    the population, and `spread` is the standard deviation of the logarithm of their
+    sensitivity to stress. A spike adds `jump_mv` to the threshold, which decays with the
+    time constant `recovery_ms`. The paper has one cell and a fixed threshold.
     """
 
     afferent: ClassVar[str]
@@ -64,47 +63,44 @@ class AfferentParameters:
         if not self.drive:
             object.__setattr__(self, "drive", self.drives[0])
         if self.drive not in self.drives:
-            raise ParameterError(
-                f"{self.afferent}: model {self.drive!r} has no such parameters, "
-                f"expected {' or '.join(self.drives)}"
-            )
-        if not 1 <= self.cells <= MOST_CELLS:
-            raise ParameterError(
-                f"{self.afferent}: cells is {self.cells}, expected 1 to {MOST_CELLS}"
-            )
+            expected = " or ".join(self.drives)
+            raise ParameterError(argument="drive", found=self.drive, expected=expected)
+        if not 1 <= self.cells <= MAX_CELLS:
+            raise ParameterError(argument="cells", found=self.cells, expected=f"1 to {MAX_CELLS}")
         for name in (field.name for field in fields(self)):
             if name in ("drive", "cells"):
                 continue
             number = float(getattr(self, name))
             object.__setattr__(self, name, number)
-            potential, zero = name in _POTENTIALS, name in _MAY_BE_ZERO and number == 0
-            most = _MOST.get(name, _LARGEST)
-            inside = abs(number) <= most if potential else _SMALLEST <= number <= most
-            if not (math.isfinite(number) and (zero or inside)):
-                expected = "a finite number" if potential else "> 0"
-                if name in _MOST or abs(number) > most:
-                    expected += f" and at most {most:g}"
+            is_potential, is_zero = name in _POTENTIALS, name in _MAY_BE_ZERO and number == 0
+            maximum = _MAXIMA.get(name, _LARGEST)
+            in_range = abs(number) <= maximum if is_potential else _SMALLEST <= number <= maximum
+            if not (math.isfinite(number) and (is_zero or in_range)):
+                expected = "a finite number" if is_potential else "> 0"
+                if name in _MAXIMA or abs(number) > maximum:
+                    expected += f" and at most {maximum:g}"
                 elif number > 0:
                     expected += f" and at least {_SMALLEST:g}"
-                raise ParameterError(
-                    f"{self.afferent}: {name} is {number:g}, expected {expected}"
-                    f"{' (or 0)' if name in _MAY_BE_ZERO else ''}"
-                )
+                if name in _MAY_BE_ZERO:
+                    expected += " (or 0)"
+                raise ParameterError(argument=name, found=number, expected=expected)
         if not self.threshold_mv > self.rest_mv:
             raise ParameterError(
-                f"{self.afferent}: threshold_mv {self.threshold_mv:g} is not above "
-                f"rest_mv {self.rest_mv:g}"
+                argument="threshold_mv",
+                found=self.threshold_mv,
+                expected=f"above rest_mv, {self.rest_mv:g}",
             )
         for name in ("tau_ms", "recovery_ms"):
             if getattr(self, name) < self.dt_ms:
                 raise ParameterError(
-                    f"{self.afferent}: {name} {getattr(self, name):g} is below "
-                    f"dt_ms {self.dt_ms:g}, too short for its time step"
+                    argument=name,
+                    found=getattr(self, name),
+                    expected=f"dt_ms, {self.dt_ms:g}, or more",
                 )
 
     def by_name(self) -> dict[str, Any]:
-        """Every number under its name, and `drive`."""
-        return {one.name: getattr(self, one.name) for one in fields(self)}
+        """All parameters by name, `drive` included."""
+        return {parameter.name: getattr(self, parameter.name) for parameter in fields(self)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,9 +145,9 @@ class PcParameters(AfferentParameters):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RisingSaParameters(AfferentParameters):
-    """SA that counts rises of stress, and fires on under sustained stress.
+    """SA that counts rises of stress, and fires repeatedly under sustained stress.
 
-    A quick rise of `step_pa` fires one spike; sustained stress above `held_pa` fires on.
+    A fast rise by `step_pa` fires one spike; sustained stress above `held_pa` fires repeatedly.
     """
 
     afferent: ClassVar[str] = "SA"
@@ -177,17 +173,17 @@ class RisingRaParameters(AfferentParameters):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FadingSaParameters(RisingSaParameters):
-    """SA that counts rises of stress, and whose answer to a held stress fades."""
+    """SA that counts rises of stress; its response to sustained stress fades."""
 
     drives: ClassVar[tuple[str, ...]] = ("fading",)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwoWayRaParameters(RisingRaParameters):
-    """RA that counts rises and falls of stress, each on a membrane of its own.
+    """RA that counts rises and falls of stress on separate membranes.
 
     `retraction` is the sensitivity to falls as a share of that to rises. `jump_mv` lasts
-    until the stress turns: of one rise the first spike takes `step_pa`, each other one
+    until the stress turns: the first spike of a rise needs `step_pa`, each further one
     four times as much. `tau_ms` is not fitted: a rise at 20 Hz or above leaks little.
     """
 
@@ -200,11 +196,11 @@ class TwoWayRaParameters(RisingRaParameters):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CorpusclePcParameters(AfferentParameters):
-    """PC whose corpuscle passes what is near its best frequency, compressed.
+    """PC driven by stress filtered by its corpuscle, a band pass with compression.
 
-    `beta_mv_per_ms` is the current at 1 Pa of what the corpuscle passes. `jump_mv` fades
-    with `recovery_ms` and is gone when what it passes turns: a second spike of one swing takes
-    a far stronger one.
+    `beta_mv_per_ms` is the current at 1 Pa after the corpuscle. `jump_mv` decays with
+    `recovery_ms` and ends when the filtered stress turns: a second spike in one swing needs
+    a much stronger swing.
     """
 
     afferent: ClassVar[str] = "PC"
@@ -219,9 +215,9 @@ class CorpusclePcParameters(AfferentParameters):
 
 Parameters: TypeAlias = Mapping[str, AfferentParameters]
 
-# Table 2, "List of optimized parameters", one row a class; thresholds and refractory
-# periods (the defaults above) are in section 2.2. The SA row prints 10.23 under α'2
-# too, which is RA's: SA has no α'2, so it is taken as a slip of the table.
+# Table 2, "List of optimized parameters", one row per class; thresholds and refractory
+# periods (the defaults above) are in section 2.2. The SA row also has 10.23 under α'2, the
+# value of RA: SA has no α'2, so this is taken as an error in the table.
 PUBLISHED: Parameters = MappingProxyType(
     {
         "SA": SaParameters(tau_ms=32.14, a1_pa=1926.32, a2_pa_per_ms=9850.98, alpha_mv_per_ms=1.79),
@@ -234,10 +230,10 @@ AFFERENTS = tuple(PUBLISHED)
 
 
 def quantiles(cells: int) -> FloatArray:
-    """Middles of `cells` equal shares of a normal distribution, ``(cells,)`` rising.
+    """Quantiles at the middle of `cells` equal shares of a normal distribution, ``(cells,)``.
 
     A cell at quantile q needs ``exp(spread q)`` times the stress of the median cell,
     so the first is the most sensitive.
     """
     normal = NormalDist()
-    return np.array([normal.inv_cdf((k + 0.5) / cells) for k in range(cells)])
+    return np.array([normal.inv_cdf((cell + 0.5) / cells) for cell in range(cells)])

@@ -33,7 +33,7 @@ def mean_rate_ips(cells_ms: Sequence[ArrayLike], window_ms: tuple[float, float])
     """Mean rate in impulses/s of cells, from the spike times of each cell in ms."""
     start, end = window_ms
     if not start < end:
-        raise ParameterError(f"window from {start} to {end} ms, expected start < end")
+        raise ParameterError(argument="window_ms", found=(start, end), expected="start < end")
     spikes = sum(spikes_inside(times_ms, window_ms) for times_ms in cells_ms)
     return spikes * 1000.0 / (len(cells_ms) * (end - start))
 

@@ -58,7 +58,7 @@ class Front:
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class SearchProgress:
     """Progress of a search."""
 
     evaluations: int
@@ -73,7 +73,7 @@ def search_front(
     evaluations: int = EVALUATIONS,
     seed: int = 1,
     population: int = POPULATION,
-    on_progress: Callable[[Progress], None] | None = None,
+    on_progress: Callable[[SearchProgress], None] | None = None,
 ) -> Front:
     """Pareto front of `problem`; the same seed gives the same front.
 
@@ -103,8 +103,9 @@ def search_front(
     """
     if population < 4 or evaluations < population:
         raise ParameterError(
-            f"{evaluations} evaluations in populations of {population}, expected 4 or "
-            "more in a population and one population or more"
+            argument="evaluations" if population >= 4 else "population",
+            found=evaluations if population >= 4 else population,
+            expected=f"{population} or more" if population >= 4 else "4 or more",
         )
     from pymoo.algorithms.moo.nsga2 import NSGA2
 
@@ -120,7 +121,7 @@ def search_front(
                 least_rmse_ips = float(total_rmse_ips(problem, front.errors_ips2).min())
                 front_size = len(front.candidates)
                 on_progress(
-                    Progress(front.evaluations, total_evaluations, front_size, least_rmse_ips)
+                    SearchProgress(front.evaluations, total_evaluations, front_size, least_rmse_ips)
                 )
     except KeyboardInterrupt:
         if algorithm.opt is None:
@@ -234,7 +235,7 @@ def choose(problem: FitProblem, front: Front, rule: str = "smallest_error") -> C
         Unknown rule.
     """
     if rule not in RULES:
-        raise ParameterError(f"rule {rule!r}, expected one of {', '.join(RULES)}")
+        raise ParameterError(argument="rule", found=rule, expected=f"one of {', '.join(RULES)}")
     return Choice(*_RULE_FUNCTIONS[rule](problem, front), rule)
 
 
@@ -330,7 +331,7 @@ _RULE_FUNCTIONS: Mapping[str, Callable[[FitProblem, Front], tuple[int, str]]] = 
 def held_out_ips(
     problem: FitProblem,
     rule: str = "smallest_error",
-    on_progress: Callable[[str, Progress], None] | None = None,
+    on_progress: Callable[[str, SearchProgress], None] | None = None,
     **search: int,
 ) -> FloatArray:
     """Rate of each stimulus ``(stimulus,)`` by a fit without the stimuli of its group.
@@ -346,7 +347,9 @@ def held_out_ips(
     """
     names = problem.group_names
     if len(names) < 2:
-        raise ParameterError(f"only the group {names[0]}, expected two or more to leave one out")
+        raise ParameterError(
+            argument="groups", found=names[0], expected="two or more groups to leave one out"
+        )
     rates_ips = np.empty_like(problem.observed_ips)
     for name in names:
         in_group = np.array([group == name for group in problem.groups])

@@ -4,6 +4,7 @@
 test. A person's run tries a part of them and is done in a minute or two.
 """
 
+import logging
 import os
 import shlex
 import signal
@@ -16,11 +17,11 @@ import pytest
 from hypothesis import settings
 
 from fembridge.errors import MissingError
-from fembridge.machine import find_ccx
-from fembridge.run_folder import RunFolder, read_run_folder
+from fembridge.host.machine import find_ccx
+from fembridge.host.store import sha256_of
+from fembridge.io.run_folder import RunFolder, read_run_folder
 from fembridge.solver.ccx import run_ccx
-from fembridge.solver.settings import SolverSettings
-from fembridge.store import sha256_of
+from fembridge.solver.settings import Solver
 
 ROOT = Path(__file__).parents[1]
 CI = os.environ.get("CI") == "true"
@@ -256,7 +257,7 @@ def solve():
     """Run the deck of a folder of `make_run`."""
 
     def run(folder, halt=None, **settings):
-        return run_ccx(read_run_folder(folder), SolverSettings(**settings), halt)
+        return run_ccx(read_run_folder(folder), Solver(**settings), halt)
 
     return run
 
@@ -293,3 +294,24 @@ def pid_of(wait_until):
 def patch():
     """The deck of one stretched element, for CalculiX; what is named replaces a part of it."""
     return lambda **parts: PATCH.format(**PATCH_PARTS | parts)
+
+
+class _LineHandler(logging.Handler):
+    def __init__(self):
+        super().__init__(logging.INFO)
+        self.lines = []
+
+    def emit(self, record):
+        self.lines.append(getattr(record, "remark", record.getMessage()))
+
+
+@pytest.fixture
+def logged():
+    """Lines that the package logs during a test, without the path of the file that is read."""
+    logger, handler = logging.getLogger("fembridge"), _LineHandler()
+    level = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    yield handler.lines
+    logger.removeHandler(handler)
+    logger.setLevel(level)

@@ -17,18 +17,18 @@ import numpy as np
 
 from decks.marc.grammar import (
     CONDITIONS,
+    FileSection,
     Layout,
     Line,
-    Option,
-    Section,
+    MarcOption,
     blocks,
     integers_line,
     names,
     read_list,
     read_options,
 )
-from fembridge.errors import DeckError
-from fembridge.store import MAX_DECK_BYTES, read_bytes
+from fembridge.errors import DeckError, FembridgeError
+from fembridge.host.store import MAX_DECK_BYTES, read_bytes
 from fembridge.typing import FloatArray, IntArray, Table
 
 # Nodes of an element by type, those of pressure included: the types of the decks
@@ -61,6 +61,7 @@ POINTS, FORMULA = 2, 3
 
 # Conditions and contact.
 FIXED_DISPLACEMENT = "fixed disp"
+POINT_LOAD, DISTRIBUTED_LOAD = "point load", "dist loads"
 TRANSLATIONS = 3
 """The first numbers of a body's motion, and degrees of freedom of a node: x, y and z."""
 BODY_KINDS = {1: "deformable", 2: "rigid", 3: "symmetry"}
@@ -169,7 +170,8 @@ class Condition:
     """A boundary or initial condition: a value, its table (0 for none), its direction.
 
     Directions are degrees of freedom from 1, 0 but of fixed displacements. `set_name` is the
-    set it acts on; `line` holds the values.
+    set it acts on; `line` holds the values. `kind` of a distributed load is its type, 0 for
+    pressure.
     """
 
     family: str
@@ -177,6 +179,7 @@ class Condition:
     drives: tuple[tuple[float, int, int], ...]
     set_name: str
     line: Line
+    kind: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,8 +209,8 @@ class LoadCase:
     number: int
     name: str
     active: tuple[str, ...]
-    stepping: Option | None
-    time_step: Option | None
+    stepping: MarcOption | None
+    time_step: MarcOption | None
     increments: int | None
     period: float | None
     line: Line
@@ -238,12 +241,12 @@ class MarcDeck:
     shape that no real deck has, or holds less than it announces.
     """
 
-    options: tuple[Option, ...]
+    options: tuple[MarcOption, ...]
     elements: tuple[Elements, ...]
     coordinates: Coordinates
     tables: tuple[MarcTable, ...]
 
-    def find(self, keyword: str, section: Section = Section.MODEL) -> list[Option]:
+    def find(self, keyword: str, section: FileSection = FileSection.MODEL) -> list[MarcOption]:
         """The options of that keyword in one section."""
         options = self.options
         return [
@@ -253,7 +256,7 @@ class MarcDeck:
     @property
     def version(self) -> int | None:
         """The input version: 11 for Mentat 2014, 15 from 2020."""
-        for option in self.find("version", Section.PARAMETER):
+        for option in self.find("version", FileSection.PARAMETER):
             return (option.numbers or [0])[0]
         return None
 
@@ -267,7 +270,7 @@ class MarcDeck:
     @property
     def sizes(self) -> tuple[int, int] | None:
         """Elements and nodes, pressure nodes too, that the deck says it has."""
-        for option in self.find("sizing", Section.PARAMETER):
+        for option in self.find("sizing", FileSection.PARAMETER):
             numbers = option.numbers
             start = 1 if option.head.free else 2  # a workspace comes before
             if len(numbers) >= start + 2:
@@ -300,12 +303,12 @@ class MarcDeck:
     def materials(self) -> list[Isotropic]:
         """The isotropic materials."""
         listed = (self.version or 0) <= _LISTED_IN_MATERIAL
-        driven = bool(self.find("table", Section.PARAMETER))
+        driven = bool(self.find("table", FileSection.PARAMETER))
         return _read_all(self.find("isotropic"), lambda option: _materials(option, listed, driven))
 
     def conditions(self) -> list[Condition]:
         """All conditions of the model definition."""
-        options = (option for option in self.options if option.section is Section.MODEL)
+        options = (option for option in self.options if option.section is FileSection.MODEL)
         return _read_all(
             (option for option in options if option.keyword in CONDITIONS), _conditions
         )
@@ -334,7 +337,7 @@ def read_marc_deck(data: bytes) -> MarcDeck:
         the line.
     """
     options = read_options(data)
-    model = [option for option in options if option.section is Section.MODEL]
+    model = [option for option in options if option.section is FileSection.MODEL]
     connectivity = [option for option in model if option.keyword == "connectivity"]
     deck = MarcDeck(
         tuple(options),
@@ -348,7 +351,7 @@ def read_marc_deck(data: bytes) -> MarcDeck:
     # Mentat says how many elements there are, others how much room is.
     count, announced = deck.element_count, deck.sizes[0]
     places = ", ".join(option.head.location for option in connectivity) or "without `connectivity`"
-    deck.find("sizing", Section.PARAMETER)[0].head.check(
+    deck.find("sizing", FileSection.PARAMETER)[0].head.check(
         count == announced or (count < announced and deck.mentat is None),
         f"`sizing` has {announced} elements, but the deck holds {count} ({places})",
     )
@@ -364,7 +367,7 @@ def describe_marc_deck(path: Path) -> Table:
     try:
         deck = read_marc_deck(data)
     except DeckError as error:
-        raise DeckError(f"{path}: {error}") from error
+        raise DeckError.from_error(error, path) from error
     remarks = list(deck.remarks)
 
     def read(view: Callable[[], Iterable[Any]], describe: Callable[[Any], Any]) -> list[Any]:
@@ -434,7 +437,7 @@ def describe_marc_deck(path: Path) -> Table:
 
 
 def _read_all(
-    options: Iterable[Option], read: Callable[[Option], Iterable[_Value]]
+    options: Iterable[MarcOption], read: Callable[[MarcOption], Iterable[_Value]]
 ) -> list[_Value]:
     """Values of all `options`; a malformed option is refused."""
     values = list[_Value]()
@@ -445,10 +448,12 @@ def _read_all(
 
 
 @contextmanager
-def _shape_errors(option: Option) -> Iterator[None]:
+def _shape_errors(option: MarcOption) -> Iterator[None]:
     """One error for any malformed entry of an option."""
     try:
         yield
+    except FembridgeError:
+        raise
     except (IndexError, ValueError):
         named = f" {option.name!r}" if option.name else ""
         raise option.head.error(
@@ -460,7 +465,7 @@ def _shape_errors(option: Option) -> Iterator[None]:
 # ---- Mesh and sets
 
 
-def _elements(options: Sequence[Option]) -> Iterator[Elements]:
+def _elements(options: Sequence[MarcOption]) -> Iterator[Elements]:
     """All ``connectivity`` options, one value a type in each.
 
         connectivity
@@ -505,7 +510,7 @@ def _elements(options: Sequence[Option]) -> Iterator[Elements]:
             yield Elements(kind, table[:, 0].copy(), table[:, 2:].copy(), head[5])
 
 
-def _coordinates(options: Sequence[Option]) -> Coordinates:
+def _coordinates(options: Sequence[MarcOption]) -> Coordinates:
     """All ``coordinates`` options: reals per node, count of nodes, then the nodes."""
     numbers: list[int] = []
     node_coordinates: list[list[float]] = []
@@ -530,7 +535,7 @@ def _coordinates(options: Sequence[Option]) -> Coordinates:
     return Coordinates(np.array(numbers, dtype=np.int64), position, head)
 
 
-def _kind_and_name(option: Option) -> tuple[str, str]:
+def _kind_and_name(option: MarcOption) -> tuple[str, str]:
     """The words of ``define KIND set NAME``."""
     text, width = option.head.text, option.head.layout.real
     if option.head.free:
@@ -550,7 +555,7 @@ def _kind_and_name(option: Option) -> tuple[str, str]:
 # ---- Materials and tables
 
 
-def _materials(option: Option, listed: bool, driven: bool) -> Iterator[Isotropic]:
+def _materials(option: MarcOption, listed: bool, driven: bool) -> Iterator[Isotropic]:
     """Isotropic materials; up to input version 11 the list of its elements follows.
 
             1von mises           isotropic                   10         0         0
@@ -571,7 +576,7 @@ def _materials(option: Option, listed: bool, driven: bool) -> Iterator[Isotropic
         yield Isotropic(number, name, (young, poisson, *others), elements)
 
 
-def _table(option: Option) -> Iterator[MarcTable]:
+def _table(option: MarcOption) -> Iterator[MarcTable]:
     """A value against one or more variables.
 
         table               waveform
@@ -596,7 +601,7 @@ def _table(option: Option) -> Iterator[MarcTable]:
 # ---- Conditions and contact
 
 
-def _conditions(option: Option) -> Iterator[Condition]:
+def _conditions(option: MarcOption) -> Iterator[Condition]:
     """Conditions of one option, all in one shape.
 
         fixed disp
@@ -624,17 +629,19 @@ def _conditions(option: Option) -> Iterator[Condition]:
         name = block[0].fields("iiiiiit")[6]
         values, tables = block[1].reals(), block[2].integers()
         tables += [0] * (len(values) - len(tables))
-        directions = [0] * len(values)
+        directions, kind = [0] * len(values), 0
         if option.keyword == FIXED_DISPLACEMENT:
             directions, set_line = block[3].integers(), block[5]
         else:
             # Kinds of loads differ in what comes between; a name is always last.
             set_line = next((line for line in reversed(block[4:]) if line.lettered), block[4])
+            if option.keyword == DISTRIBUTED_LOAD:
+                kind = block[3].first_integer()
         drives = tuple(zip(values, tables, directions, strict=True))
-        yield Condition(option.keyword, name, drives, set_line.only_word, block[1])
+        yield Condition(option.keyword, name, drives, set_line.only_word, block[1], kind)
 
 
-def _bodies(option: Option) -> Iterator[Body]:
+def _bodies(option: MarcOption) -> Iterator[Body]:
     """The bodies of ``contact``: numbers and a name, what it is, how it moves.
 
                  3         1         0         0         1        -1         0        -1load
@@ -662,7 +669,7 @@ def _bodies(option: Option) -> Iterator[Body]:
 # ---- Load cases and output
 
 
-def _load_case(all_options: Sequence[Option], number: int) -> LoadCase:
+def _load_case(all_options: Sequence[MarcOption], number: int) -> LoadCase:
     """A load case: what acts, in how many increments, for how long.
 
     loadcase            press
@@ -677,7 +684,7 @@ def _load_case(all_options: Sequence[Option], number: int) -> LoadCase:
     """
     options = [option for option in all_options if option.case == number]
 
-    def find_options(*keywords: str) -> list[Option]:
+    def find_options(*keywords: str) -> list[MarcOption]:
         return [option for option in options if option.keyword in keywords]
 
     case_options, times = find_options("loadcase"), find_options("time step")
@@ -692,14 +699,14 @@ def _load_case(all_options: Sequence[Option], number: int) -> LoadCase:
     return LoadCase(number, name, active, stepping, time_step, increments, period, options[0].head)
 
 
-def _active_conditions(option: Option) -> list[str]:
+def _active_conditions(option: MarcOption) -> list[str]:
     """Names of the conditions that act, as many as the first line says."""
     rows = option.data
     return [rows[row + 1].only_word for row in range(rows[0].first_integer())] if rows else []
 
 
 def _increments(
-    stepping: Option | None, time_step: Option | None
+    stepping: MarcOption | None, time_step: MarcOption | None
 ) -> tuple[int | None, float | None]:
     """The count of a load case's increments, and their time together."""
     if stepping is None:
@@ -717,7 +724,7 @@ def _increments(
         return count, count * time_step.data[0].fields("r")[0]
 
 
-def _post(option: Option) -> Iterator[Post]:
+def _post(option: MarcOption) -> Iterator[Post]:
     """The post file asked for.
 
         post

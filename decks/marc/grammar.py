@@ -194,7 +194,7 @@ class Line(NamedTuple):
 
     @property
     def location(self) -> str:
-        """Its number, for an error."""
+        """Number of the line, for an error."""
         return f"line {self.number}"
 
     def error(self, problem: str) -> DeckError:
@@ -207,11 +207,14 @@ class Line(NamedTuple):
             raise self.error(problem)
 
     def cut(self, kinds: str) -> list[str]:
-        """Its fields as texts."""
+        """Texts of the fields of the line."""
         return cut(self.text, self.layout, kinds)
 
     def fields(self, kinds: str) -> list[Any]:
-        """Its fields: ``i`` int, ``r`` float, ``w`` and ``t`` text; blank ones are zero."""
+        """Values of the fields of the line, 0 for a blank field.
+
+        `kinds` has a letter per field: ``i`` int, ``r`` float, ``w`` and ``t`` text.
+        """
         texts, values = self.cut(kinds), list[Any]()
         if kinds.endswith("*"):
             kinds = kinds[0] * len(texts)
@@ -335,7 +338,7 @@ _NAMES = {significant(name): name for name in (*KNOWN_OPTIONS, *CONDITIONS, *nam
 # ---- Options
 
 
-class Section(Enum):
+class FileSection(Enum):
     """The part of a deck that contains an option."""
 
     PARAMETER = "parameter"
@@ -344,7 +347,7 @@ class Section(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Option:
+class MarcOption:
     """A keyword and what belongs to it, comments too.
 
     `lines` starts with the keyword's; comments before the first keyword of a deck are an
@@ -355,7 +358,7 @@ class Option:
     keyword: str
     lines: tuple[Line, ...]
     data: tuple[Line, ...]
-    section: Section
+    section: FileSection
     case: int
 
     @property
@@ -509,7 +512,7 @@ _HEAD_BYTES = 4096  # bytes in which a deck's first keyword stands
 _END, _END_OPTION, _CONTINUE = "end", "end option", "continue"
 
 
-def read_options(data: bytes) -> list[Option]:
+def read_options(data: bytes) -> list[MarcOption]:
     """The options of a deck, every line in one of them."""
     if b"\0" in data:
         raise _not_marc_error("zero bytes, expected text")
@@ -548,8 +551,8 @@ def is_marc_deck(path: Path) -> bool:
 class _Reader:
     """The options so far, and the one that is being read: `lines` and its `rows` of data."""
 
-    options: list[Option] = field(default_factory=list)
-    section: Section = Section.PARAMETER
+    options: list[MarcOption] = field(default_factory=list)
+    section: FileSection = FileSection.PARAMETER
     case: int = 0
     layout: Layout = Layout.FIXED
     keyword: str = ""
@@ -572,14 +575,14 @@ class _Reader:
         if not self.lines:
             return
         lines, rows = tuple(self.lines), tuple(self.rows)
-        self.options.append(Option(self.keyword, lines, rows, self.section, self.case))
+        self.options.append(MarcOption(self.keyword, lines, rows, self.section, self.case))
         if self.keyword in CONDITIONS:
             self.conditions.update(filter(None, map(condition_name, self.rows)))
-        if self.section is Section.PARAMETER:
+        if self.section is FileSection.PARAMETER:
             if self.keyword == _END:
-                self.section = Section.MODEL
+                self.section = FileSection.MODEL
         elif self.keyword == _END_OPTION:
-            self.section, self.case = Section.HISTORY, 1
+            self.section, self.case = FileSection.HISTORY, 1
         elif self.keyword == _CONTINUE:
             self.case += 1
 
@@ -595,10 +598,10 @@ class _Reader:
             self.close()
             keyword = significant(line.text)
             self.keyword = (
-                keyword if self.section is Section.PARAMETER else _NAMES.get(keyword, keyword)
+                keyword if self.section is FileSection.PARAMETER else _NAMES.get(keyword, keyword)
             )
             self.lines, self.rows = [line], []
-            if self.section is Section.PARAMETER and keyword == "extended":
+            if self.section is FileSection.PARAMETER and keyword == "extended":
                 self.layout = Layout.EXTENDED
         else:
             if not (self.keyword or line.blank or line.lettered):
@@ -611,7 +614,7 @@ class _Reader:
 
     def _opens(self, line: Line) -> bool:
         """Whether `line`, which starts with a letter, is no name within the open option."""
-        if self.section is Section.PARAMETER and self.keyword != _END:
+        if self.section is FileSection.PARAMETER and self.keyword != _END:
             return True
         rows = self.rows
         if rows and _CONTINUED.search(rows[-1].text):
@@ -633,19 +636,19 @@ def _more_conditions_follow(rows: Sequence[Line]) -> bool:
     return bool(_INTEGER.match(count)) and len(rows) <= int(count)
 
 
-def _missing_keyword(options: Sequence[Option]) -> str | None:
+def _missing_keyword(options: Sequence[MarcOption]) -> str | None:
     """The keyword that is missing at the end of a deck; None if the deck is complete."""
     last = options[-1]
-    if last.section is Section.PARAMETER:
+    if last.section is FileSection.PARAMETER:
         return None if last.keyword == _END and _is_root(options) else _END_OPTION
-    final = _END_OPTION if last.section is Section.MODEL else _CONTINUE
+    final = _END_OPTION if last.section is FileSection.MODEL else _CONTINUE
     if last.keyword != final:
         return final
     announced = any(_CASE_STARTS.match(line.text) for line in last.lines)
     return _CONTINUE if announced else None
 
 
-def _is_root(options: Sequence[Option]) -> bool:
+def _is_root(options: Sequence[MarcOption]) -> bool:
     """Whether this is the first deck of several domains, which holds no mesh."""
     return not any(any(option.numbers) for option in options if option.keyword == "sizing")
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from decks.analysis import Analysis, ElementSet
+from decks.contact_analysis import ContactAnalysis, ElementSet
 from decks.dialects import DIALECTS, JOB, REWRITTEN, DeckOptions, template
 from decks.marc.contents import NODES, POINTS, POST_KINDS, TIME
 from decks.marc.grammar import format_real, integers_line, reals_line
@@ -43,7 +43,7 @@ _COMMENT_TEXT = 74  # characters
 _LIST_ITEMS = 13  # a line of 12 columns each, as Mentat writes sets
 
 
-def marc_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> str:  # noqa: B008 - frozen
+def marc_deck(analysis: ContactAnalysis, options: DeckOptions = DeckOptions()) -> str:  # noqa: B008 - frozen
     """Write `analysis`, all of the section, as a deck for Marc.
 
     The probe is "rigid", a curve that a table moves, or "meshed", elements of a second
@@ -61,7 +61,11 @@ def marc_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> str: 
         (analysis.inertia, "inertia"),
     ):
         if requested:
-            raise DeckError(f"fembridge writes no {feature} for marc")
+            raise DeckError(
+                f"is 'marc', for which fembridge writes no {feature}",
+                argument="target",
+                found="marc",
+            )
     model, results = analysis.full_section(), options.results or "both"
     meshed, kind = options.probe == "meshed", int(DIALECTS["marc"].elements[model.element])
     quadratic, probe_mm = NODES[kind] == 8, model.probe_mesh.node_mm
@@ -108,7 +112,7 @@ def marc_deck(analysis: Analysis, options: DeckOptions = DeckOptions()) -> str: 
     )
 
 
-def mentat_procedure(analysis: Analysis, options: DeckOptions) -> str:
+def mentat_procedure(analysis: ContactAnalysis, options: DeckOptions) -> str:
     """The procedure for a deck of `analysis` that was written with these `options`."""
     return template(f"marc/{PROCEDURE}.j2").render(
         deck=DECK,
@@ -133,9 +137,19 @@ def _part(section: ElementSet, kind: int, body: int, mesh_nodes: int) -> dict[st
     """A layer or the probe: its name, material, contact body, and lines of elements."""
     if section.law != "linear":
         raise DeckError(
-            f"{section.name} is {section.law}: a Marc deck of it cannot be written "
-            "with certainty, since no deck with that material and a known meaning "
-            "of its numbers was available; expected linear"
+            f"of {section.name} is {section.law!r}, expected 'linear': no Marc deck of that "
+            "material with a known meaning of its numbers was available",
+            argument="law",
+            found=section.law,
+            expected="linear",
+        )
+    if section.axes is not None:
+        raise DeckError(
+            f"of {section.name}: expected an isotropic layer, since no Marc deck of an "
+            "anisotropic material with a known meaning of its numbers was available",
+            argument="anisotropy",
+            found=section.name,
+            expected="an isotropic layer",
         )
     node, note = section.node, ""
     if kind in _WITH_PRESSURE:

@@ -12,7 +12,7 @@ Depth is measured from the position of the probe after the earlier steps. A miss
 or unusable entry is a DeckError with its line.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -25,6 +25,8 @@ from fembridge.errors import DeckError
 
 # The amplitude that we put in where the deck has none for the waveform alone.
 OWN_AMPLITUDE = "FEMBRIDGE_WAVEFORM"
+# Amplitudes that keep the ramps of other loads; their names begin so.
+OWN_RAMP = "FEMBRIDGE_RAMP"
 # Procedures that a waveform can run in.
 MOVABLE = ("STATIC", "DYNAMIC", "VISCO")
 # These lengthen the total time by their second number, or by 1 without one.
@@ -86,7 +88,8 @@ class Step:
 class Push:
     """A line `row` of `block` that prescribes `magnitude` along `axis` of a set or node.
 
-    `by_request` where the request gives the direction and the line another one, or none.
+    `by_request` where the request gives the direction and the line another one, or none. Of a
+    load `label` is its degree of freedom or kind, such as P.
     """
 
     block: Block
@@ -95,6 +98,7 @@ class Push:
     axis: int
     magnitude: float
     by_request: bool = False
+    label: str = ""
 
     @property
     def where(self) -> str:
@@ -104,7 +108,7 @@ class Push:
     @property
     def name(self) -> str:
         """As ``--move`` names it."""
-        return f"{self.target},{self.axis}"
+        return f"{self.target},{self.label or self.axis}"
 
     @property
     def amplitude(self) -> str:
@@ -142,12 +146,12 @@ def find_drive(deck: Deck, request: Request) -> Drive:
     An amplitude means all that it moves in its step, ``--move`` the one displacement. An
     amplitude that something else needs too, or that cannot hold a waveform, stays as it is.
     """
-    steps = _steps_of(deck)
+    steps = steps_of(deck)
     candidates = [
         (step, push)
         for step in steps
         for block in step.blocks_of("BOUNDARY")
-        for push in _magnitudes(block, zero=request.move is not None)
+        for push in load_magnitudes(block, zero=request.move is not None)
         if push.axis in _TRANSLATIONS and block.value_of("TYPE") in _DISPLACEMENT
     ]
     name = "" if request.move else _amplitude_name(candidates, request)
@@ -162,18 +166,20 @@ def find_drive(deck: Deck, request: Request) -> Drive:
     if not matches:
         raise DeckError(
             f"no *BOUNDARY of a step moves {description}; displacements: "
-            f"{_list_displacements(candidates) or 'none'} (the deck has {_list_amplitudes(deck)})"
+            f"{_list_displacements(candidates) or 'none'} (the deck has {list_amplitudes(deck)})"
             f"{deck.unread}; write the probe's displacement into its step, as PROBE, 2, 2, -0.1"
         )
-    chosen_step = _select_step(
+    chosen_step = select_step(
         steps, [step for step, _ in matches], description, request.step, use_last=not name
     )
     pushes = [push for step, push in matches if step is chosen_step]
     if not name:
         pushes = [_single_displacement(chosen_step, pushes, candidates, sign)]
     first = pushes[0]
+    if request.step is None:
+        _refuse_later_motion(deck, steps[chosen_step.number :], pushes)
     for push in pushes:
-        _refuse_foreign(push.block, push.name)
+        refuse_foreign(push.block, push.name)
         if abs(push.magnitude) != abs(first.magnitude):
             raise DeckError(
                 f"{push.where}: magnitude {push.magnitude:g}, but {first.magnitude:g} at "
@@ -182,9 +188,9 @@ def find_drive(deck: Deck, request: Request) -> Drive:
             )
     start_s = None
     with suppress(DeckError):
-        start_s = sum(_periods_s(deck, steps[: chosen_step.number])[:-1])
+        start_s = sum(periods_s(deck, steps[: chosen_step.number])[:-1])
     before = steps[: chosen_step.number - 1]
-    sets = _sets(deck) if before else {}
+    sets = node_sets_of(deck) if before else {}
     depths = [
         np.sign(push.magnitude) * _start_displacement(deck, before, push, sets) for push in pushes
     ]
@@ -195,7 +201,7 @@ def find_drive(deck: Deck, request: Request) -> Drive:
                 f"{first.name} is {depths[0]:g} deep: one waveform cannot begin at both"
             )
     return Drive(
-        amplitude=_reusable_amplitude(deck, pushes, start_s),
+        amplitude=reusable_amplitude(deck, pushes, start_s),
         step=chosen_step,
         steps=tuple(steps),
         push=tuple(pushes),
@@ -208,7 +214,9 @@ def find_drive(deck: Deck, request: Request) -> Drive:
 def _amplitude_name(candidates: list[tuple[Step, Push]], request: Request) -> str:
     """The requested amplitude, or the only one that moves something; "" if there is none."""
     amplitudes = {
-        push.amplitude: push.block.where for _, push in reversed(candidates) if push.amplitude
+        push.amplitude: push.block.where
+        for _, push in reversed(candidates)
+        if push.amplitude and not push.amplitude.startswith(OWN_RAMP)
     }
     if OWN_AMPLITUDE in amplitudes:
         return OWN_AMPLITUDE  # a deck that has been here before
@@ -216,8 +224,22 @@ def _amplitude_name(candidates: list[tuple[Step, Push]], request: Request) -> st
         return normalized_name(request.amplitude)
     if len(amplitudes) > 1:
         listed = ", ".join(f"{name} ({where})" for name, where in reversed(amplitudes.items()))
-        raise DeckError(f"several amplitudes move something: {listed}; name one")
+        problem = f"several amplitudes move something: {listed}; --amplitude (amplitude) names one"
+        raise DeckError(problem, expected=listed)
     return next(iter(amplitudes), "")
+
+
+def _refuse_later_motion(deck: Deck, later: Sequence[Step], pushes: Sequence[Push]) -> None:
+    """Refuse steps after the waveform's, which are left out, that prescribe what it moves."""
+    sets = node_sets_of(deck) if later else {}
+    for step in later:
+        for block in step.blocks_of("BOUNDARY"):
+            for push in pushes:
+                if (line := _prescribing_line(block, push, sets)) is not None:
+                    raise DeckError(
+                        f"several steps move {push.name}: {push.where} and, in {step.name}, "
+                        f"{line.where}; the run ends with the waveform's step: name it by --step"
+                    )
 
 
 def _single_displacement(
@@ -245,13 +267,17 @@ def _single_displacement(
     return push
 
 
-def _reusable_amplitude(deck: Deck, push: list[Push], start_s: float | None) -> Block | None:
+def reusable_amplitude(deck: Deck, push: list[Push], start_s: float | None) -> Block | None:
     """The amplitude of `push`, if it can hold a waveform and has no other user; else None."""
     name, waveform_lines = push[0].amplitude, {line.where for line in push}
     for block in deck.blocks:
         if block.value_of("AMPLITUDE") == name and block.keyword != "STEP":
-            pushes = _magnitudes(block) if block.keyword == "BOUNDARY" else [None]
-            if any(line is None or line.where not in waveform_lines for line in pushes):
+            lines: Iterable[Push | Row | None] = [None]
+            if block.keyword == "BOUNDARY":
+                lines = load_magnitudes(block)
+            elif block.keyword in _LOADS:
+                lines = block.rows()
+            if any(line is None or line.where not in waveform_lines for line in lines):
                 return None
     with suppress(DeckError):
         curve = _definition(deck, name)
@@ -268,7 +294,8 @@ def _counts_total_time(curve: Block) -> bool:
     return curve.value_of("TIME") == "TOTALTIME"
 
 
-def _steps_of(deck: Deck) -> list[Step]:
+def steps_of(deck: Deck) -> list[Step]:
+    """The steps of a deck; a DeckError without any, or for one that does not end."""
     steps: list[Step] = []
     head: Block | None = None
     inside: list[Block] = []
@@ -299,7 +326,8 @@ def _list_displacements(candidates: list[tuple[Step, Push]]) -> str:
     return "; ".join(names[:_MAX_LISTED]) + more
 
 
-def _list_amplitudes(deck: Deck) -> str:
+def list_amplitudes(deck: Deck) -> str:
+    """The amplitudes of a deck with their lines, for a message."""
     names = [
         f"{block.value_of('NAME') or 'one without a name'} ({block.where})"
         for block in deck.blocks_of("AMPLITUDE")
@@ -312,7 +340,7 @@ def _definition(deck: Deck, name: str) -> Block:
     curves = [block for block in deck.blocks_of("AMPLITUDE") if block.value_of("NAME") == name]
     if len(curves) != 1:
         raise DeckError(
-            f"{len(curves)} *AMPLITUDE, NAME={name}; the deck has {_list_amplitudes(deck)}"
+            f"{len(curves)} *AMPLITUDE, NAME={name}; the deck has {list_amplitudes(deck)}"
         )
     (curve,) = curves
     for option in curve.options:
@@ -323,7 +351,7 @@ def _definition(deck: Deck, name: str) -> Block:
     return curve
 
 
-def _select_step(
+def select_step(
     steps: list[Step], candidates: list[Step], name: str, requested: str | None, *, use_last: bool
 ) -> Step:
     """The requested step, else the only one (or the last) of `candidates`, which move `name`."""
@@ -331,7 +359,8 @@ def _select_step(
     if requested is None:
         if len(candidates) > 1 and not use_last:
             listed = "; ".join(step.name for step in candidates)
-            raise DeckError(f"several steps move {name}: {listed}; name one")
+            problem = f"several steps move {name}: {listed}; --step (step) names one"
+            raise DeckError(problem, expected=listed)
         return candidates[-1]
     for step in steps:
         if (
@@ -343,12 +372,13 @@ def _select_step(
             available = "; ".join(step.name for step in candidates)
             raise step.head.error(f"no *BOUNDARY here moves {name}; steps that do: {available}")
     names = "; ".join(step.name for step in steps)
-    raise DeckError(f"no step {requested!r} in the deck; it has: {names}")
+    raise DeckError(argument="step", found=requested, expected=f"one of: {names}")
 
 
-def _refuse_foreign(block: Block, name: str) -> None:
+def refuse_foreign(block: Block, name: str) -> None:
+    """Refuse a displacement or load `name` that is not its magnitude times its amplitude."""
     foreign = [name for name in _FOREIGN if block.option(name) is not None]
-    if block.value_of("TYPE") not in _DISPLACEMENT:
+    if block.keyword == "BOUNDARY" and block.value_of("TYPE") not in _DISPLACEMENT:
         foreign = [f"TYPE={block.value_of('TYPE')}"]
     if foreign:
         raise block.error(
@@ -356,7 +386,7 @@ def _refuse_foreign(block: Block, name: str) -> None:
         )
 
 
-def _magnitudes(block: Block, *, zero: bool = False) -> Iterator[Push]:
+def load_magnitudes(block: Block, *, zero: bool = False) -> Iterator[Push]:
     """Displacements that a ``*BOUNDARY`` prescribes; with `zero`, also those of 0."""
     for row in block.rows():
         target, first, *_ = (*row.fields, "")
@@ -391,7 +421,7 @@ def _start_displacement(
             prescribed = None
         for block in conditions:
             prescribed = _prescribing_line(block, push, sets) or prescribed
-        moving = chain.from_iterable(map(_magnitudes, conditions))
+        moving = chain.from_iterable(map(load_magnitudes, conditions))
         if prescribed is None:
             acting = [line.where for line in moving if line.axis in _TRANSLATIONS]
             if acting := acting or [line.where for line in step.blocks_of(*_LOADS)]:
@@ -405,7 +435,7 @@ def _start_displacement(
     return displacement
 
 
-def _sets(deck: Deck) -> Mapping[str, list[range]]:
+def node_sets_of(deck: Deck) -> Mapping[str, list[range]]:
     """The node sets; none of a deck whose sets take more than reading (Abaqus's instances)."""
     try:
         return node_sets(deck)
@@ -423,7 +453,7 @@ def _prescribing_line(block: Block, push: Push, sets: Mapping[str, list[range]])
 
     match = None
     own_nodes = nodes(push.target)
-    for line in _magnitudes(block, zero=True):
+    for line in load_magnitudes(block, zero=True):
         if line.axis != push.axis:
             continue
         line_nodes = nodes(line.target)
@@ -441,26 +471,37 @@ def _prescribing_line(block: Block, push: Push, sets: Mapping[str, list[range]])
 
 def _end_displacement(deck: Deck, steps: Sequence[Step], prescribed: Push) -> float:
     """The displacement that `held` prescribes at the end of the last of `steps`."""
-    _refuse_foreign(prescribed.block, prescribed.name)
+    refuse_foreign(prescribed.block, prescribed.name)
     name = prescribed.block.value_of("AMPLITUDE")
     if not name:
         return prescribed.magnitude
+    return prescribed.magnitude * amplitude_value(deck, name, steps)
+
+
+def amplitude_value(deck: Deck, name: str, steps: Sequence[Step]) -> float:
+    """The amplitude `name` at the end of the last of `steps`; at time 0 without steps.
+
+    Raises
+    ------
+    DeckError
+        The amplitude has no points in time, or a time that is not known.
+    """
     curve = _definition(deck, name)
-    periods_s = _periods_s(deck, steps)
-    end_s = sum(periods_s) if _counts_total_time(curve) else periods_s[-1]
+    step_s = periods_s(deck, steps)
+    end_s = sum(step_s) if _counts_total_time(curve) else sum(step_s[-1:])
     cells = [
         (row, index) for row in curve.rows() for index, field in enumerate(row.fields) if field
     ]
     numbers = [row.number(index) for row, index in cells]
     if not numbers or len(numbers) % 2:
         raise curve.error(f"amplitude {name} has {len(numbers)} numbers, expected pairs")
-    return prescribed.magnitude * float(np.interp(end_s, numbers[::2], numbers[1::2]))
+    return float(np.interp(end_s, numbers[::2], numbers[1::2]))
 
 
-def _periods_s(deck: Deck, steps: Sequence[Step]) -> list[float]:
+def periods_s(deck: Deck, steps: Sequence[Step]) -> list[float]:
     """How long each of `steps` takes, from total time 0 on."""
     clocks = [(block, "READ") for block in deck.blocks_of("RESTART")]
-    periods_s = []
+    step_s = []
     for step in steps:
         procedures = step.blocks_of(*_TIMED)
         if len(procedures) != 1:
@@ -468,8 +509,7 @@ def _periods_s(deck: Deck, steps: Sequence[Step]) -> list[float]:
                 "how long this step takes is not known (no *STATIC, *DYNAMIC, *VISCO), "
                 "and the waveform's amplitude counts total time; let it count step time"
             )
-        row = next(procedures[0].rows(), None)
-        periods_s.append(1.0 if row is None else row.number(1, blank=0.0) or 1.0)
+        step_s.append(period_s(procedures[0]))
         clocks += [(procedures[0], name) for name in ("TIMERESET", "TOTALTIMEATSTART")]
     for block, name in clocks:
         if block.option(name) is not None:
@@ -477,4 +517,10 @@ def _periods_s(deck: Deck, steps: Sequence[Step]) -> list[float]:
                 f"{name} sets the clock, and the waveform's amplitude counts total time; "
                 "let it count step time"
             )
-    return periods_s
+    return step_s
+
+
+def period_s(procedure: Block) -> float:
+    """How long the step of a procedure takes; solvers take 1 s where it is not stated."""
+    row = next(procedure.rows(), None)
+    return 1.0 if row is None else row.number(1, blank=0.0) or 1.0

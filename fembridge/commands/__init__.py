@@ -19,10 +19,10 @@ Content: TypeAlias = "str | DataFrame | Figure | Callable[[Path], object]"
 def write_files(folder: Path, files: Mapping[str, Content], last: str = "") -> None:
     """Write `files` into `folder`, all or none; before a verb prints, as nobody may read that.
 
-    The `last` of them takes its place last, see `fembridge.store.filling`.
+    The `last` of them takes its place last, see `fembridge.host.store.filling`.
     """
+    from fembridge.host.store import filling, write_text
     from fembridge.plots.style import save_figure
-    from fembridge.store import filling, write_text
 
     with filling(folder, last=last or list(files)[-1]) as draft:
         for name, content in files.items():
@@ -42,7 +42,7 @@ def written(folder: Path, files: Sequence[str], others: Sequence[str] = ()) -> d
     `others` are files that the verb may write: one that is there and not written now is kept, and
     a line says that it is of an earlier run.
     """
-    from fembridge.terminal import log
+    from fembridge.host.terminal import log
 
     print(f"{', '.join(files)}: {folder}")
     if left := [name for name in others if name not in files and (folder / name).is_file()]:

@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """List the entries, the last used first, or remove them."""
-    from fembridge.cache import (
+    from fembridge.host.cache import (
         OFF,
         VARIABLE,
         cache_folder,
@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         print(f"{removed / 1e6:.1f} MB removed from {folder}")
     else:
         for entry in available:
-            title = " ".join(entry.what.split())
+            title = " ".join(entry.title.split())
             print(f"{_time_text(entry.used_s)}  {entry.bytes / 1e6:8.1f} MB  {title}")
         count = "1 entry" if len(available) == 1 else f"{len(available)} entries"
         print(f"{count}, {total / 1e6:.1f} MB in {folder}")
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "removed_bytes": removed,
         "entries": [
             {
-                "what": entry.what,
+                "what": entry.title,
                 "bytes": entry.bytes,
                 "used_s": entry.used_s,
                 "folder": entry.folder,

@@ -1,17 +1,17 @@
-"""Press a 50 um probe 1 mm into the finger: how far the skin around goes down.
+"""Deflection of the skin around a 50 um probe that is pressed 1 mm deep.
 
-The paper's check of its finger, Fig. 2c. What was solved once on several meshes is
-stored and drawn by default; --solver run solves it here, which takes ccx and one to
-ten minutes. Profiles are written to the output folder as a table and a picture.
+The paper's check of its finger, Fig. 2c. The default draws the stored profiles of several
+meshes; --solver run solves a profile, which requires ccx and one to ten minutes. Files:
+profiles as a table, a picture, and a record.
 """
 
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands import Content, write_files, written
+from fembridge.commands import written
 from fembridge.commands.options import NUMBERS, Use, add_from, add_output_option, words_of
-from fembridge.solver.settings import SolverSettings
-from fembridge.terminal import SolverBars, log, print_table
+from fembridge.host.terminal import SolverBars, print_table
+from fembridge.solver.settings import Solver
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from fembridge.response.deflection import Deflection
 
 EXAMPLE = "fembridge deflect -o deflection"
-
-TABLE_FILE = "deflection.csv"
-PICTURE_FILE = "deflection.png"
 
 USES = (
     Use(
@@ -33,59 +30,47 @@ USES = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb understands."""
+    """Declare the options of the verb."""
     parser.add_argument(
         "--finger",
         metavar="NAME|FILE.toml",
-        help="quick, medium, paper, fine or, to be solved, a file (default: all that "
-        "are stored; quick with --solver run)",
+        help="quick, medium, paper, fine, or a file with --solver run (default: all stored "
+        "profiles; quick with --solver run)",
     )
     source = parser.add_mutually_exclusive_group()
     source.add_argument(
-        "--solver", choices=("run",), help="solve it here, and compare with the stored"
+        "--solver", choices=("run",), help="solve it, and compare with the stored profile"
     )
-    source.add_argument("--stored", action="store_true", help="take what is stored (the default)")
+    source.add_argument("--stored", action="store_true", help="use the stored profiles (default)")
     parser.add_argument(
         "--depth-mm",
         type=NUMBERS["depth_mm"],
         metavar="D",
-        help="how deep, where it is solved (default: 1)",
+        help="depth of the probe, with --solver run (default: 1)",
     )
-    add_from(parser, SolverSettings, "threads", "time_limit_s", "cache")
+    add_from(parser, Solver, "threads", "time_limit_s", "cache")
     add_output_option(parser, default="deflection")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Read or solve the profiles, write them; the summary holds them."""
-    import numpy as np
+    from fembridge.reporting.deflect import PICTURE_FILE, RECORD_FILE, TABLE_FILE, deflect
 
-    from fembridge.plots.response import deflection_figure
-    from fembridge.response.deflection import convergence, stored_deflection, stored_deflections
-    from fembridge.store import check_output
-    from fembridge.tables import write_table
-
-    if args.solver is not None:
-        check_output(args.output, TABLE_FILE, PICTURE_FILE)
-        shown = [_solved(args)]
-    else:
-        shown = [stored_deflection(args.finger)] if args.finger else list(stored_deflections())
-    profile = [
-        (mesh.name, *row)
-        for mesh in shown
-        for row in np.stack([mesh.distance_mm, mesh.deflection_mm], axis=1).tolist()
-    ]
-    columns = ("mesh", "distance_mm", "deflection_mm")
-    rows = convergence(shown) if len(shown) > 1 else []
-    files: dict[str, Content] = {
-        PICTURE_FILE: deflection_figure(shown),
-        TABLE_FILE: lambda path: write_table(path, columns, profile),
-    }
-    write_files(args.output, files)
-    _print_table(shown, rows)
+    options = {} if args.depth_mm is None else {"depth_mm": args.depth_mm}
+    with SolverBars() as bars:
+        result = deflect(
+            args.finger,
+            stored=args.solver is None,
+            solver=Solver(**words_of(args, Solver), on_progress=bars),
+            output=args.output,
+            **options,
+        )
+    meshes = list(result.meshes.values())
+    _print_table(meshes, result.convergence)
     return {
-        **written(args.output, list(files)),
+        **written(args.output, [PICTURE_FILE, RECORD_FILE, TABLE_FILE]),
         "source": "stored" if args.solver is None else "solved",
-        "depth_mm": shown[0].depth_mm,
+        "depth_mm": meshes[0].depth_mm,
         "meshes": [
             {
                 "mesh": mesh.name,
@@ -93,37 +78,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                 "force_n_per_mm": mesh.force_n_per_mm,
                 "sha256": mesh.origin.get("mesh_sha256"),
             }
-            for mesh in shown
+            for mesh in meshes
         ],
-        "convergence": rows,
+        "convergence": result.convergence,
     }
 
 
-def _solved(args: argparse.Namespace) -> "Deflection":
-    from decks.presets import read_finger
-    from fembridge.response.deflection import (
-        DEPTH_MM,
-        FINGERS,
-        press_of,
-        solve_deflection,
-        stored_deflections,
-    )
-
-    depth_mm = DEPTH_MM if args.depth_mm is None else args.depth_mm
-    finger = FINGERS.get(args.finger or "quick") or read_finger(args.finger)
-    with SolverBars() as bars:
-        settings = SolverSettings(**words_of(args, SolverSettings), on_progress=bars)
-        solved = solve_deflection(args.output / "run", press_of(finger), depth_mm, settings)
-    for stored in stored_deflections():
-        same_mesh = stored.origin.get("mesh_sha256") == solved.origin["mesh_sha256"]
-        if same_mesh and stored.depth_mm == solved.depth_mm:
-            differ_um = 1000.0 * abs(solved.deflection_mm - stored.deflection_mm).max()
-            log(f"solved here and stored differ by {differ_um:.2g} um at most")
-    return solved
-
-
 def _print_table(shown: "Sequence[Deflection]", rows: list[dict[str, Any]]) -> None:
-    """A column a mesh; of several also the last step between two, and the limit if there is one."""
+    """Print a column per mesh; for several also the last change, and the limit if any."""
     from fembridge.response.deflection import COMPARED_MM
 
     ends: list[list[str]] = [[] for _ in range(len(COMPARED_MM) + 3)]

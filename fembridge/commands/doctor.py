@@ -17,13 +17,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Examine the machine; `exit_code` is 1 when something needed is missing."""
-    from fembridge.machine import examine
+    from fembridge.host.machine import examine
     from fembridge.version import __version__
 
     checks = examine(__version__)
     missing = [check.name for check in checks if check.state == "missing"]
     for check in checks:
-        print(f"{check.state:<8} {check.name:<11} {check.found}")
+        print(f"{check.state:<8} {check.name:<11} {check.finding}")
         if check.remedy:
             print(f"{'':<20} -> {check.remedy}")
     return {

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Print or write the script; the summary holds where it is, or the script."""
-    from fembridge.store import write_text
+    from fembridge.host.store import write_text
 
     script = script_text()
     output: Path | None = args.output
@@ -45,5 +45,5 @@ def script_text() -> str:
     """The script as it is shipped."""
     from importlib.resources import files
 
-    place = files("fembridge") / "solver_export.py"
-    return place.read_text(encoding="utf-8")
+    script = files("fembridge") / "results" / "export_script.py"
+    return script.read_text(encoding="utf-8")

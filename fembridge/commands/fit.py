@@ -1,19 +1,19 @@
-"""Find the parameters of afferents whose rates come closest to observed ones.
+"""Fit the parameters of afferents to observed rates.
 
-NSGA-II searches the free parameters of a model; each frequency is an objective.
-Written are the Pareto front of each class, the parameters of the candidate that was
-taken, with how they came about (fitted.toml, which --parameters takes), the rates
-that they give, and a picture of the trade-offs. Ctrl-C keeps the best so far.
+NSGA-II searches the free parameters of a model; each frequency is an objective. Files: the
+Pareto front of each class, the parameters of the selected candidate with their origin
+(fitted.toml, for --parameters), observed and fitted rates, and a picture of the
+trade-offs. Ctrl-C keeps the best candidates found so far.
 """
 
 import argparse
+import logging
 import math
 import textwrap
 from typing import TYPE_CHECKING, Any
 
 from fembridge.commands import written
 from fembridge.commands.options import (
-    NUMBERS,
     STORED_FINGER,
     Several,
     Use,
@@ -21,125 +21,141 @@ from fembridge.commands.options import (
     add_output_option,
     words_of,
 )
-from fembridge.interrupt import INTERRUPTED
-from fembridge.terminal import Notes, print_table
+from fembridge.host.interrupt import INTERRUPTED
+from fembridge.host.terminal import print_table
 
 if TYPE_CHECKING:
-    from fembridge.fitting.fit import Fit
+    from fembridge.fitting.fit import ClassFit
+
+_LOGGER = logging.getLogger(__name__)
 
 EXAMPLE = "fembridge fit --observed rates.csv --afferent RA --seed 1 -o fit"
 
 LIST = "list"
-EVERY = "all"
+ALL = "all"
 
 USES = (Use("--spike-distance", "--spikes", lambda args: args.spikes is not None),)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb understands."""
-    from fembridge import api
+    """Declare the options of the verb."""
+    from fembridge.fitting.fit import FitTargets, Search, fit
     from neural.fit_problem import DISTANCES
     from neural.models import DEFAULT_MODELS
-    from neural.search import EVALUATIONS, POPULATION, RULES
+    from neural.search import RULES
 
     defaults = ", ".join(f"{model} {name}" for name, model in DEFAULT_MODELS.items())
     rules = "; ".join(f"{name}: {sentence}" for name, sentence in RULES.items())
-    add_from(parser, api.fit, "observed")
+    add_from(parser, fit, "observed")
     add = parser.add_argument
     add(
         "--afferent",
         action=Several,
-        choices=("SA", "RA", "PC", EVERY),
-        help="default: all that the table and the model have",
+        choices=("SA", "RA", "PC", ALL),
+        help="default: all classes with rates and a model",
     )
     add(
         "--drive",
         action=_Model,
         metavar="NAME",
-        help=f"the model whose parameters are searched (default: {defaults}); "
-        f"'--drive {LIST}' lists all, with equation and free parameters",
+        help=f"model whose parameters are searched (default: {defaults}); "
+        f"'--drive {LIST}' describes all",
     )
-    add_from(parser, api.fit, cells=("N", "of the population (default: the model's own number)"))
-    unseen = "stimuli to fit; the others of the table are judged, unseen"
-    add_from(parser, api.fit, family=(("sine", "diharm", "noise", EVERY), unseen))
-    tried = "candidates that are tried (default: %(default)d)"
-    search: dict[str, Any] = {"type": NUMBERS["evaluations"], "metavar": "N"}
-    add("--evaluations", **search, default=EVALUATIONS, help=tried)
-    generation = "candidates of a generation (default: %(default)d)"
-    search["type"] = NUMBERS["population"]
-    add("--population", **search, default=POPULATION, help=generation)
-    evidence = "fit threshold amplitudes too: thresholds_freeman_johnson_1982, or a table "
-    evidence += "afferent,criterion,frequency_hz,amplitude_um"
-    trains = "fit spike times too, with a latency: a table "
-    trains += "stimulus,afferent,repeat,spike_time_ms"
-    held_out = "predict each frequency (each group) by one fit more that did not see it; takes as "
-    held_out += "many times as long; `fembridge validate` shows them"
-    depth = "depth of the probe before time 0 (default: 0 for published, else as fitted)"
+    add_from(parser, fit, cells=("N", "cells of the population (default: the number of the model)"))
+    unseen = "stimuli to fit; rates of the others are predicted"
+    add_from(parser, fit, family=(("sine", "diharm", "noise", ALL), unseen))
     add_from(
         parser,
-        api.fit,
-        rule=(tuple(RULES), f"which candidate of the front is taken. {rules}"),
-        thresholds=("NAME|FILE.csv", evidence),
-        timing="fit the published vector strengths at 20 Hz too (timing_20hz)",
-        spikes=("FILE.csv", trains),
-        held_out=held_out,
-        seed=("N", ""),
-        preindent_um=("DEPTH", depth),
-        spike_distance=(DISTANCES, "of spike times, both with 5 ms"),
+        Search,
+        evaluations=("N", "candidates evaluated per search"),
+        population=("N", "candidates per generation"),
+        seed=("N", "seed of the search"),
+        rule=(tuple(RULES), f"rule that selects a candidate of the front. {rules}"),
+    )
+    add_from(
+        parser,
+        FitTargets,
+        thresholds=(
+            "NAME|FILE.csv",
+            "also fit threshold amplitudes: thresholds_freeman_johnson_1982, or a table "
+            "afferent,criterion,frequency_hz,amplitude_um",
+        ),
+        timing="also fit the published vector strengths at 20 Hz (timing_20hz)",
+        spikes=(
+            "FILE.csv",
+            "also fit spike times, with a latency: a table stimulus,afferent,trial,spike_time_ms",
+        ),
+        spike_distance=(DISTANCES, "distance of spike times, both with 5 ms"),
+    )
+    add_from(
+        parser,
+        fit,
+        held_out="also predict each frequency (each group) by a fit without it; takes a "
+        "multiple of the time; `fembridge validate` shows the result",
+        preindent_um=(
+            "DEPTH",
+            "depth of the probe before time 0 (default: 0 for published, otherwise as fitted)",
+        ),
     )
     stress = parser.add_mutually_exclusive_group()
-    add_from(stress, api.fit, "response", finger=STORED_FINGER)
-    missing = "take a table in which some stimuli have no rate of some class"
+    add_from(stress, fit, "response", finger=STORED_FINGER)
+    missing = "accept stimuli without a rate of some class"
     add("--allow-missing", action="store_true", help=missing)
     add_output_option(parser, default="fit")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Fit and write; the summary holds choice, parameters and agreement a class."""
-    from fembridge import api
-    from fembridge.fitting.fit import PARAMETERS_FILE, PICTURE_FILE, RATES_FILE, SearchBar
+    """Fit and write; the summary holds choice, parameters and agreement per class."""
+    from fembridge.fitting.fit import (
+        COMPARISON_FILE,
+        PARAMETERS_FILE,
+        PICTURE_FILE,
+        RATES_FILE,
+        FitTargets,
+        Search,
+        SearchBar,
+        fit,
+    )
 
     with SearchBar() as bar:
-        notes = Notes(bar.print)
-        made = api.fit(
-            **words_of(args, api.fit),
+        result = fit(
+            **words_of(args, fit),
             afferents=args.afferent,
+            targets=FitTargets(**words_of(args, FitTargets)),
+            search=Search(**words_of(args, Search)),
             complete=not args.allow_missing,
-            log=notes,
             on_progress=bar,
         )
-        if not made.finished:
-            classes = ", ".join(fit.afferent for fit in made.fits)
-            notes(f"interrupted: the best so far of {classes} is kept, finished = false")
-    files = [PARAMETERS_FILE, *made.front_files, RATES_FILE, PICTURE_FILE]
-    for fit in made.fits:
-        _print_fit(fit)
+        if not result.finished:
+            _LOGGER.warning(f"interrupted: kept the best candidates of {', '.join(result.fits)}")
+    files = [PARAMETERS_FILE, *result.front_files, RATES_FILE, COMPARISON_FILE, PICTURE_FILE]
+    for class_fit in result.fits.values():
+        _print_fit(class_fit)
     return {
         **written(args.output, files),
-        "finished": made.finished,
-        "seed": made.settings.seed,
-        "rule": made.settings.rule,
-        "preindent_um": made.settings.preindent_um,
-        "response": made.provenance["response"],
-        "notes": notes,
-        "afferents": {fit.afferent: _summary_of(fit) for fit in made.fits},
-        "exit_code": 0 if made.finished else INTERRUPTED,
+        "finished": result.finished,
+        "seed": result.settings.search.seed,
+        "rule": result.settings.search.rule,
+        "preindent_um": result.settings.preindent_um,
+        "response": result.provenance["response"],
+        "afferents": {name: _summary_of(values) for name, values in result.fits.items()},
+        "exit_code": 0 if result.finished else INTERRUPTED,
     }
 
 
-def _print_fit(fit: "Fit") -> None:
+def _print_fit(class_fit: "ClassFit") -> None:
     """Print parameters, agreement and the reason of the choice."""
-    model, cells = fit.problem.model, fit.problem.cells
+    model, cells, free = class_fit.model, class_fit.cells, class_fit.front.free
     print(
-        f"{fit.afferent}, model {model.name}: {len(fit.problem.free)} free parameters, "
+        f"{class_fit.afferent}, model {model.name}: {len(free)} free parameters, "
         f"{cells} cell{'s' if cells > 1 else ''}"
     )
-    values = fit.front.candidates[fit.choice.row]
-    for one, value in zip(fit.problem.free, values, strict=True):
-        print(f"  {one.field} = {value:.5g} {one.unit}".removesuffix(" 1"))
-    rows = [(_name_of(row), row) for row in fit.agreement_rows()]
-    if fit.held_out:
-        rows.append(("each left out", fit.agreement("held_out_ips").to_row()))
+    values = class_fit.front.candidates[class_fit.choice.row]
+    for parameter, value in zip(free, values, strict=True):
+        print(f"  {parameter.field} = {value:.5g} {parameter.unit}".removesuffix(" 1"))
+    rows = [(_name_of(row), row) for row in class_fit.agreement_rows()]
+    if class_fit.held_out:
+        rows.append(("held-out groups", class_fit.agreement("held_out_ips").to_row()))
     print_table(
         [f"{'':<24}", "n", "R²", "RMSE", "bias", " impulses/s"],
         [
@@ -151,36 +167,39 @@ def _print_fit(fit: "Fit") -> None:
                 f"{row['bias_ips']:.2f}",
                 "",
             ]
-            for name, row in [*rows, ("Table 2, all", fit.agreement("published_ips").to_row())]
+            for name, row in [
+                *rows,
+                ("Table 2, all", class_fit.agreement("published_ips").to_row()),
+            ]
         ],
     )
-    print(f"  chosen: candidate {fit.choice.row + 1}, {fit.choice.why}")
+    print(f"  chosen: candidate {class_fit.choice.row + 1}, {class_fit.choice.why}")
 
 
 def _name_of(row: dict[str, Any]) -> str:
     """Stimuli of a row of agreement."""
-    name = f"{row['family']}, all" if row["group"] == EVERY else row["group"]
-    if row["family"] == EVERY:
+    name = f"{row['family']}, all" if row["group"] == ALL else row["group"]
+    if row["family"] == ALL:
         name = "all families"
     return name if row["seen"] else f"{name}, unseen"
 
 
-def _summary_of(fit: "Fit") -> dict[str, Any]:
+def _summary_of(class_fit: "ClassFit") -> dict[str, Any]:
     """The fit of a class for ``--json``."""
     from dataclasses import asdict
 
     return {
-        "drive": fit.problem.model.name,
-        "finished": fit.front.finished,
-        "evaluations": fit.front.evaluations,
-        "seconds": fit.seconds,
-        "front_size": len(fit.front.candidates),
-        "candidate": fit.choice.row + 1,
-        "why": fit.choice.why,
-        "parameters": asdict(fit.parameters),
-        "agreement": fit.agreement_rows(),
-        "held_out": fit.agreement("held_out_ips").to_row() if fit.held_out else None,
-        "published": fit.agreement("published_ips").to_row(),
+        "drive": class_fit.model.name,
+        "finished": class_fit.front.finished,
+        "evaluations": class_fit.front.evaluations,
+        "seconds": class_fit.seconds,
+        "front_size": len(class_fit.front.candidates),
+        "candidate": class_fit.choice.row + 1,
+        "why": class_fit.choice.why,
+        "parameters": asdict(class_fit.parameters),
+        "agreement": class_fit.agreement_rows(),
+        "held_out": class_fit.agreement("held_out_ips").to_row() if class_fit.held_out else None,
+        "published": class_fit.agreement("published_ips").to_row(),
     }
 
 
@@ -192,33 +211,34 @@ def models_text() -> str:
     for name, rows in MODELS.items():
         for afferent, model in rows.items():
             free = ", ".join(
-                f"{one.field} {one.low:g} to {one.high:g} {one.unit}".removesuffix(" 1")
-                for one in model.free()
+                f"{parameter.field} {parameter.low:g} to {parameter.high:g} "
+                f"{parameter.unit}".removesuffix(" 1")
+                for parameter in model.free()
             )
             lines = [
                 f"{name}, {afferent}{' (default)' if DEFAULT_MODELS[afferent] == name else ''}"
             ]
-            for word, text in (
+            for label, text in (
                 ("equation", model.equation),
                 ("free", f"{len(model.free())}: {free}"),
                 ("cells", str(model.cells)),
                 ("reason", model.reason),
             ):
                 lines += textwrap.wrap(
-                    text, width=88, initial_indent=f"  {word:<10}", subsequent_indent=" " * 12
+                    text, width=88, initial_indent=f"  {label:<10}", subsequent_indent=" " * 12
                 )
             blocks.append("\n".join(lines))
     return "\n\n".join(blocks)
 
 
 class _Model(argparse.Action):
-    """Name of a model, or print the table of models and end, as --help."""
+    """Name of a model; ``list`` prints the table of models and ends, like --help."""
 
     def __call__(
         self,
         parser: argparse.ArgumentParser,
         namespace: argparse.Namespace,
-        values: Any,  # noqa: ANN401 - as argparse has it
+        values: Any,  # noqa: ANN401 - as in argparse
         option_string: str | None = None,
     ) -> None:
         if values == LIST:

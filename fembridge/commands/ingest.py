@@ -3,7 +3,7 @@
 Traces: beside a run.toml of fembridge they are those of its afferents, on the
 clock of the stimulus: time 0 is its start, and the first sample is the state
 before it moves. Of any other .frd (CalculiX), .t16 or .t19 (Marc) choose nodes:
---node, --set, --near; without them the file is listed, with a command that takes a
+--node, --node-set, --near-mm; without them the file is listed, with a command that takes a
 trace. What it holds is written as it is, one increment or uneven ones, several steps or
 modes; --resample-ms makes the even step that encode needs. --quantity takes another
 than von Mises stress. Of a .dat choose integration points: --point; a history plot saved
@@ -14,7 +14,6 @@ unless --partial takes what is whole.
 """
 
 import argparse
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,12 +21,13 @@ from typing import TYPE_CHECKING, Any
 from fembridge.commands.options import (
     NODE,
     NUMBERS,
+    RepeatedOption,
     Several,
     Use,
-    Words,
     check_uses,
-    column,
+    parse_column,
 )
+from fembridge.errors import UsageError
 
 if TYPE_CHECKING:
     from fembridge.results import Result
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 EXAMPLE = "fembridge ingest sine_20_250/job.frd -o traces.csv"
 LAST = "last"  # increment
 ALL = "all"  # nodes
-_SELECTIONS = {"--node", "--set", "--near", "--afferents", "--point", "--field", "--vtu"}
+_SELECTIONS = {"--node", "--node-set", "--near-mm", "--afferents", "--point", "--field", "--vtu"}
 # Without a choice of nodes they would do nothing.
 _OF_NODES = {
     *("--afferents", "--output", "--quantity", "--resample-ms", "--modes", "--deck"),
@@ -57,7 +57,7 @@ def position_mm(text: str) -> tuple[float, ...]:
     """``X,Y`` or ``X,Y,Z``."""
     values = tuple(map(NUMBERS["near_mm"], text.split(",")))
     if len(values) not in (2, 3):
-        raise argparse.ArgumentTypeError(f"{text!r}, expected X,Y or X,Y,Z")
+        raise UsageError(found=text, expected="X,Y or X,Y,Z")
     return values
 
 
@@ -65,7 +65,7 @@ def point(text: str) -> tuple[int, int]:
     """``ELEMENT:POINT``."""
     element, colon, number = text.partition(":")
     if not colon:
-        raise argparse.ArgumentTypeError(f"{text!r}, expected ELEMENT:POINT")
+        raise UsageError(found=text, expected="ELEMENT:POINT")
     return int(NODE(element)), int(NODE(number))
 
 
@@ -89,13 +89,13 @@ _OPTIONS: dict[str, Sequence[tuple[str, str, dict[str, Any]]]] = {
     ),
     "traces at nodes of a .frd, .t16 or .t19": (
         ("--node", "nodes by number, or all", {"type": node, "metavar": "N", **_MANY}),
-        ("--set", "nodes of a set: of the file, or of its deck",
-         {"metavar": "NAME", "dest": "sets", **_MANY}),
-        ("--near", "the node with results nearest to a place in mm of the undeformed mesh; "
+        ("--node-set", "nodes of a set: of the file, or of its deck",
+         {"metavar": "NAME", **_MANY}),
+        ("--near-mm", "the node with results nearest to a position in mm of the undeformed mesh; "
          "several as words or by repetition",
-         {"type": position_mm, "metavar": "X,Y[,Z]", "action": Words}),
-        ("--deck", "where --set looks (default: the sets in a .t16 or .t19; of a .frd the deck "
-         "of the same name in .inp)", {"type": Path, "metavar": "DECK"}),
+         {"type": position_mm, "metavar": "X,Y[,Z]", "action": RepeatedOption}),
+        ("--deck", "deck that defines --node-set (default: the sets in a .t16 or .t19; of a .frd "
+         "the deck of the same name in .inp)", {"type": Path, "metavar": "DECK"}),
         ("--afferents", "the nodes of run.toml's afferents (the default where there is one)", _YES),
         ("--across-materials",
          "allow nodes between two materials, where stress is a mean over both", _YES),
@@ -128,7 +128,7 @@ _OPTIONS: dict[str, Sequence[tuple[str, str, dict[str, Any]]]] = {
     "any other result: a CSV or NPZ, or a VTU, PVD or XDMF with point data": (
         ("--columns", "which column or array is what: time (in s) or time_ms, value (von Mises, or "
          "an array of tensors) or xx, yy, zz, xy, yz, zx, node, afferent",
-         {"type": column, "metavar": "time=NAME,value=NAME", **_MANY}),
+         {"type": parse_column, "metavar": "time=NAME,value=NAME", **_MANY}),
     ),
     "printed results in a .dat": (
         ("--point", "stress traces at integration points, which no averaging has touched; in the "
@@ -155,8 +155,12 @@ def _uses(kind: str, suffix: str) -> tuple[Use, ...]:
             "stress and lengths, which are not taken here",
             lambda args: of_dat or not (args.list or kind == "table"),
         ),
-        Use("--deck", "--set", lambda args: args.sets),
-        Use("--set --near", "chosen nodes, not for --node all", lambda args: args.node != [ALL]),
+        Use("--deck", "--node-set", lambda args: args.node_set),
+        Use(
+            "--node-set --near-mm",
+            "chosen nodes, not for --node all",
+            lambda args: args.node != [ALL],
+        ),
         Use("--print-set", "--point", kinds("point")),
         Use("--increment", "--field", kinds("field")),
         Use("--derived", "--vtu", kinds("vtu")),
@@ -224,13 +228,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         extrapolate=args.extrapolate,
         von_mises=args.von_mises,
         columns=dict(args.columns) if args.columns else None,
-        log=lambda line: print(f"{args.result}: {line}", file=sys.stderr),
     ) as result:
         return _run(args, result)
 
 
 def _run(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
-    from fembridge.errors import UsageError
     from fembridge.results.byte_file import suffix_of
 
     path, suffix = result.source.path, suffix_of(result.source.path)
@@ -250,7 +252,7 @@ def _run(args: argparse.Namespace, result: "Result") -> dict[str, Any]:
             print(*commands, sep="\n", end="\n" if commands else "")
         return description | ({"commands": commands} if commands else {})
     if args.output and kind not in ("field", "vtu") and args.output.suffix.lower() != ".csv":
-        raise UsageError(f"{args.output}: a table is written as .csv, name it so")
+        raise UsageError(argument="output", found=str(args.output), expected="a name in .csv")
     write = {
         "traces": _traces, "point": _traces, "sides": _sides, "table": _table, "field": _field,
         "vtu": _vtu,
@@ -268,17 +270,18 @@ def _refuse_unused_units(
     args: argparse.Namespace, options: "ReadOptions", quantity: str, units: Sequence[str]
 ) -> None:
     """Refuse a unit of stress where nothing, or the name of a column, is in another one."""
-    from fembridge.errors import UsageError
     from fembridge.results.columns import stress_units_in
 
     if "--stress-unit" not in args.explicit:
         return
     if not {"Pa", "N"} & set(units):
-        raise UsageError(f"--stress-unit is for stress or forces, not for {quantity}")
+        problem = f"is for stress or forces, not for {quantity}"
+        raise UsageError(problem, argument="stress_unit", found=options.stress_unit)
     if options.columns:
         unit, is_open = stress_units_in(options.columns, options.stress_unit)
         if not is_open:
-            raise UsageError(f"--stress-unit is for columns whose names state no unit, not {unit}")
+            problem = f"is for columns whose names state no unit, not {unit}"
+            raise UsageError(problem, argument="stress_unit", found=options.stress_unit)
 
 
 def _unit_note(
@@ -303,16 +306,16 @@ def _unit_note(
 
 
 def _kind(args: argparse.Namespace, result: "Result") -> str:
-    """What is asked for: list, vtu, field, table, point, sides or traces."""
-    from fembridge.errors import UsageError
+    """Output that the options select: list, vtu, field, table, point, sides or traces."""
     from fembridge.results.byte_file import suffix_of
     from fembridge.results.printed import is_abaqus
     from fembridge.results.readers import PRINTS
 
     path, suffix = result.source.path, suffix_of(result.source.path)
-    if args.afferents and result.run is None and result.trouble is None:
-        raise UsageError(f"{path}: --afferents is for a file with a run.toml beside it")
-    node_options = {"--node": args.node, "--set": args.sets, "--near": args.near}
+    if args.afferents and result.run is None and result.run_error is None:
+        problem = "is for a file with a run.toml in its folder"
+        raise UsageError(problem, path, argument="afferents")
+    node_options = {"--node": args.node, "--node-set": args.node_set, "--near-mm": args.near_mm}
     by_node = [option for option, value in node_options.items() if value]
     output_options = {
         "--list": args.list,
@@ -331,22 +334,24 @@ def _kind(args: argparse.Namespace, result: "Result") -> str:
         from_abaqus = result.run is not None and result.run.solver == "abaqus"
         printed = not ((by_node or args.afferents or from_abaqus) and is_abaqus(path))
     misuse = (
-        (len(requested) > 1, " and ".join(requested[:2]) + " do not go together"),
+        (len(requested) > 1, option, f"cannot be combined with {' '.join(requested[1:2])}"),
         (
             printed and option not in ("", "--list", "--point"),
-            f"{option} is for a .frd, .t16 or .t19",
+            option,
+            "is for a .frd, .t16 or .t19",
         ),
-        (args.point and suffix != ".dat", "--point is for a .dat"),
+        (args.point and suffix != ".dat", "--point", "is for a .dat"),
         (
             sides and (printed or by_node != ["--node"]),
-            "--one-sided is for the --node of a .frd, .t16 or .t19",
+            "--one-sided",
+            "is for the --node of a .frd, .t16 or .t19",
         ),
-        (sides and args.von_mises, "--one-sided and --von-mises do not go together"),
-        (sides and ALL in (args.node or ()), "--one-sided takes numbers of nodes"),
+        (sides and args.von_mises, "--one-sided", "cannot be combined with --von-mises"),
+        (sides and ALL in (args.node or ()), "--one-sided", "requires numbers of nodes"),
     )
-    for wrong, message in misuse:
-        if wrong:
-            raise UsageError(f"{path}: {message}")
+    for is_wrong, argument, problem in misuse:
+        if is_wrong:
+            raise UsageError(problem, path, argument=argument)
     if sides:
         return "sides"
     if is_file_wide or option == "--point":
@@ -362,9 +367,9 @@ Written = tuple[dict[str, Any], str, list[str]]
 
 def _traces(args: argparse.Namespace, result: "Result") -> Written:
     """A quantity at chosen nodes, or traces at points, or of the afferents of ``run.toml``."""
-    from fembridge.errors import UsageError
+    from fembridge.io.text_table import write_table
+    from fembridge.io.trace_table import write_origin
     from fembridge.results.history import STRESS, VON_MISES
-    from fembridge.tables import write_origin, write_table
 
     quantity, origin = _one_quantity(args, result.source.path), None
     if args.point:
@@ -373,21 +378,28 @@ def _traces(args: argparse.Namespace, result: "Result") -> Written:
         history = read_point_history(
             result.source.path, args.point, args.print_set, result.source.options
         )
-        history = history.taken(quantity or VON_MISES, args.resample_ms, result.source.options.log)
+        history = history.selected(
+            quantity or VON_MISES, args.resample_ms, result.source.options.quiet
+        )
     else:
         all_nodes = args.node == [ALL]
         if ALL in (args.node or ()) and not all_nodes:
-            raise UsageError(f"{result.source.path}: --node all or numbers, not both")
+            raise UsageError(
+                path=result.source.path,
+                argument="node",
+                found=args.node,
+                expected="all, or numbers",
+            )
         plain = (quantity or VON_MISES).lower() == VON_MISES
         from_start = result.run is not None and plain and not (all_nodes or args.modes)
         history = result.history(
             None if all_nodes else args.node,
             quantity=VON_MISES if from_start else quantity,
-            every=all_nodes,
+            all_nodes=all_nodes,
             modes=args.modes,
             resample_ms=args.resample_ms,
-            sets=args.sets or (),
-            near_mm=args.near or (),
+            sets=args.node_set or (),
+            near_mm=args.near_mm or (),
             deck=args.deck,
             from_start=from_start,
         )
@@ -397,10 +409,12 @@ def _traces(args: argparse.Namespace, result: "Result") -> Written:
     if history.quantity.lower() in _NODAL:  # by default, of a file without stress
         for option in ("--extrapolate", "--across-materials"):
             if option in args.explicit:
-                raise UsageError(f"{option} is for stress or strain, not for {history.quantity}")
+                problem = f"is for stress or strain, not for {history.quantity}"
+                raise UsageError(problem, argument=option)
     table = history.columns()
     if _names(args) == {STRESS} and "von_mises_pa" in table:
-        raise UsageError(f"{result.source.path}: it holds von Mises stress, no tensor to take")
+        problem = f"is {STRESS}, but the file has von Mises stress and no tensor"
+        raise UsageError(problem, result.source.path, argument="quantity", found=STRESS)
     plain = history.over_time and history.quantity == VON_MISES
     kind = "traces" if plain else history.quantity.lower().replace(" ", "_")
     kind = kind if history.over_time else f"modes_{kind}"
@@ -455,25 +469,25 @@ def _traces(args: argparse.Namespace, result: "Result") -> Written:
 
 
 def _one_quantity(args: argparse.Namespace, path: Path) -> str | None:
-    from fembridge.errors import UsageError
-
+    """The quantity of ``--quantity``; None without the option."""
     if args.quantity and len(args.quantity) > 1:
-        raise UsageError(f"{path}: --quantity takes one name here, got {', '.join(args.quantity)}")
+        names = ", ".join(args.quantity)
+        raise UsageError(path=path, argument="quantity", found=names, expected="one name")
     return args.quantity[0] if args.quantity else None
 
 
 def _has_no_nodes(args: argparse.Namespace, result: "Result") -> bool:
     """Whether neither the user nor a run names nodes: the file is listed then."""
-    from fembridge.errors import UsageError
-
-    if args.node or args.sets or args.near or result.named_nodes():
+    if args.node or args.node_set or args.near_mm or result.named_nodes():
         return False
-    advice = "choose with --node N or all, --set NAME or --near X,Y"
+    advice = "choose with --node N or all, --node-set NAME or --near-mm X,Y"
     if args.afferents:
         advice = "--afferents needs them"
     if args.explicit & _OF_NODES:
-        reason = "no run.toml beside it" if result.run is None else "its run.toml has no afferents"
-        raise UsageError(f"{result.source.path}: {reason}; {advice}")
+        reason = (
+            "no run.toml in its folder" if result.run is None else "its run.toml has no afferents"
+        )
+        raise UsageError(f"{reason}; {advice}", result.source.path)
     return True
 
 
@@ -489,8 +503,9 @@ def _extraction_commands(args: argparse.Namespace, result: "Result") -> list[str
     try:
         number, options, history = result.largest_node()
     except FembridgeError as error:
-        prefix = "" if "--columns" in str(error) else "nothing at nodes to take: "
-        return [prefix + str(error)]
+        if error.argument == "columns":
+            return [error.message("--columns")]
+        return [f"nothing at nodes to take: {error}"]
     command += f" --node {number}"
     command += "".join(f" --{name.replace('_', '-')}" for name, needed in options.items() if needed)
     lines = [f"{history.quantity} where it is largest:", f"  {command}"]
@@ -503,8 +518,8 @@ def _sides(args: argparse.Namespace, result: "Result") -> Written:
     """Stress at nodes as each layer there has it: a row a time and side."""
     import numpy as np
 
-    from fembridge.results.stress import TENSOR
-    from fembridge.tables import write_table
+    from fembridge.io.text_table import write_table
+    from fembridge.results.von_mises import TENSOR
 
     nodes = dict.fromkeys(args.node)
     sides = [side for node in nodes for side in result.source.sides(node, args.one_sided)]
@@ -535,13 +550,12 @@ def _sides(args: argparse.Namespace, result: "Result") -> Written:
 
 def _table(args: argparse.Namespace, result: "Result") -> Written:
     """The prints of a solver, or a plot saved from Mentat, as a table."""
-    from fembridge.errors import UsageError
     from fembridge.results.byte_file import suffix_of
 
     path, suffix = result.source.path, suffix_of(result.source.path)
     quantity, plot = _one_quantity(args, path), suffix == ".txt"
     if quantity and suffix != ".dat":
-        raise UsageError(f"{path}: --quantity is of a .dat")
+        raise UsageError("is for a .dat", path, argument="quantity")
     output: Path = args.output or Path(f"{path.stem}_{'plot' if plot else suffix[1:]}.csv")
     columns, rows = result.source.write_table(output, quantity)
     summary = {
@@ -594,13 +608,13 @@ def _vtu(args: argparse.Namespace, result: "Result") -> Written:
 def _deck(args: argparse.Namespace, path: Path) -> dict[str, Any]:
     """What a Marc deck is: it has the suffix of CalculiX's prints."""
     from decks.marc.contents import describe_marc_deck
-    from fembridge.errors import UsageError
 
     check_uses(args, _uses("list", ".dat"))
     if not args.list or args.explicit & _SELECTIONS:
         raise UsageError(
-            f"{path}: a Marc deck, no results; --list shows what it holds, results "
-            f"are in {path.stem}.t16 or {path.stem}.t19"
+            f"a deck of Marc without results: results are in {path.stem}.t16 or {path.stem}.t19; "
+            "--list shows the contents of the deck",
+            path,
         )
     description = describe_marc_deck(path)
     if not args.json:

@@ -1,135 +1,77 @@
-"""Options that verbs share, how an argument of the API becomes an option, and option values.
+"""Options that verbs share, options made from the arguments of a public function, and option types.
 
-A `Number` reads each number; `NUMBERS` has the ranges. A `Use` of a verb refuses an option that
-the chosen way does not use.
+A type of an option reads its text and raises a `UsageError` with `found` and `expected`; the
+parser adds the name of the option. A `Use` refuses an option that the chosen way ignores.
 """
 
 import argparse
 import math
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import Parameter, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from fembridge import ranges
 from fembridge.errors import UsageError
-from fembridge.number import parse_number, parse_whole_number
+from fembridge.io.number import parse_number, parse_whole_number
+from fembridge.ranges import RANGES, Range
 
 if TYPE_CHECKING:
     from decks.probe import Probe
 
-About: TypeAlias = str | tuple[str | Iterable[str] | Mapping[str, Any], str]
-"""Help of an option; or its metavar, choices or words of argparse, and its help."""
+Description: TypeAlias = str | tuple[str | Iterable[str] | Mapping[str, Any], str]
+"""Help of an option; or its metavar, choices or settings of argparse, and its help."""
 
-WAVE = ("dt_ms", "full_scale_um")
-STIMULUS = ("stimulus", "preindent_um", "seed", "slide_mm_per_s", *WAVE, "window_ms")
+STIMULUS = ("stimulus", "preindent_um")
+WAVEFORM = ("seed", "slide_mm_per_s", "dt_ms", "full_scale_um", "window_ms")
+"""Fields of `fembridge.Waveform`."""
 SOLVING = ("whole_section", "inertia", "law")
+"""Fields of `fembridge.Analysis`."""
 LIMITS = ("threads", "jobs", "time_limit_s", "cache")
-STORED_FINGER = (("quick", "paper"), "whose stored response gives the stress (default: quick)")
-"""What ``--finger`` is where nothing is solved."""
+STORED_FINGER = (("quick", "paper"), "finger of the stored response (default: quick)")
+"""``--finger`` of the verbs that solve nothing."""
 
 
-@dataclass(frozen=True, slots=True)
-class Number:
-    """Type of an option that is a number: finite, in ASCII digits, `least` to `most`."""
-
-    least: float = -math.inf
-    most: float = math.inf
-    whole: bool = False
+class Number(Range):
+    """Type of an option that is a number: finite, in ASCII digits, `low` to `high`."""
 
     def __call__(self, text: str) -> float:
-        """The number that `text` states; else ``argparse.ArgumentTypeError``."""
+        """The number that `text` states; else a `UsageError`."""
         try:
-            value = parse_whole_number(text) if self.whole else parse_number(text)
+            value = parse_whole_number(text) if self.is_whole else parse_number(text)
         except ValueError:
             value = math.nan
-        if not self.least <= value <= self.most:
-            raise argparse.ArgumentTypeError(f"{text!r}, expected {self}")
+        if not self.contains(value):
+            raise UsageError(found=text, expected=str(self))
         return value
 
-    def __str__(self) -> str:
-        kind = "a whole number" if self.whole else "a number"
-        least, most = (
-            str(end) if isinstance(end, int) else f"{end:.15g}" for end in (self.least, self.most)
-        )
-        if self.least == ABOVE_ZERO:
-            return f"{kind} more than 0" + (f", at most {most}" if self.most < math.inf else "")
-        if self.least > -math.inf and self.most < math.inf:
-            return f"{kind} from {least} to {most}"
-        return f"{kind}, {least} or more" if self.least > -math.inf else f"{kind} that is finite"
+    @classmethod
+    def within(cls, limits: Range) -> "Number":
+        """The type of an option that accepts the numbers within `limits`."""
+        return cls(limits.low, limits.high, limits.is_whole)
 
 
-ABOVE_ZERO = math.ulp(0.0)
-"""The least number of a range that 0 does not belong to."""
-
-# Beyond every length, time and count of a finger, and within what NumPy and timers hold.
-_MOST = 10**9
-_MOST_WHOLE = 2**63 - 1
-_MOST_AT_ONCE = 4096
-_COUNT = Number(1, _MOST, whole=True)
-_POSITIVE = Number(ABOVE_ZERO, _MOST)
-_SECONDS = Number(ABOVE_ZERO, _MOST)
-_TURN_DEG = Number(-3600, 3600)
-NODE = Number(1, 10**15, whole=True)
-"""Number of a node or element, of any solver."""
-
+ABOVE_ZERO = ranges.ABOVE_ZERO
+NODE = Number.within(ranges.NODE)
 NUMBERS: Mapping[str, Number] = {
-    "angle_deg": _TURN_DEG,
-    "at_mm": Number(-1000, 1000),
-    "bin_ms": _POSITIVE,
-    "cells": Number(1, 1000, whole=True),
-    "criterion": Number(ABOVE_ZERO, 1),
-    "depth_mm": Number(ABOVE_ZERO, 10),
-    "depth_um": Number(ABOVE_ZERO, 10_000),
-    "direction_deg": _TURN_DEG,
-    "dt_ms": Number(ABOVE_ZERO, 1e6),
-    "duration_ms": Number(10, 60_000),
-    "endings_mm": Number(0, 3),
-    "evaluations": _COUNT,
-    "frames": Number(0, _MOST, whole=True),
-    "frequency_hz": Number(ABOVE_ZERO, 1000),
-    "friction": Number(0, 10),
-    "full_scale_um": _POSITIVE,
-    "gain_pa": Number(-1e30, 1e30),
-    "hold_ms": Number(0.5, 60_000),
-    "iteration_limit": _COUNT,
-    "jobs": Number(1, _MOST_AT_ONCE, whole=True),
-    "longest_ms": _POSITIVE,
-    "near_mm": Number(-_MOST, _MOST),
-    "noise_mv": Number(0, 1000),
-    "pixel_mm": Number(ABOVE_ZERO, 1000),
-    "population": Number(4, 10_000, whole=True),
-    "preindent_um": Number(0, 10_000),
-    "press_n": Number(ABOVE_ZERO, 1000),
-    "press_um": Number(ABOVE_ZERO, 10_000),
-    "probe_diameter_mm": Number(0.01, 20),
-    "probe_fillet_mm": Number(0, 10),
-    "probe_x_mm": Number(-1000, 1000),
-    "ramp_ms": Number(0.5, 10_000),
-    "reach_mm": Number(1, 20),
-    "relief_mm": Number(-1000, 1000),
-    "repeats": Number(1, 10_000, whole=True),
-    "resample_ms": Number(ABOVE_ZERO, 1e6),
-    "seed": Number(0, _MOST_WHOLE, whole=True),
-    "slide_mm_per_s": Number(-10_000, 10_000),
-    "spacing_mm": Number(0.05, 1),
-    "stall_limit_s": _SECONDS,
-    "step_mm": Number(0.1, 2),
-    "stiffness_mpa_per_mm": _POSITIVE,
-    "threads": Number(1, _MOST_AT_ONCE, whole=True),
-    "time_limit_s": _SECONDS,
-    "times_threshold": Number(ABOVE_ZERO, 10_000),
-    "window_ms": Number(-_MOST, _MOST),
+    argument: Number.within(limits) for argument, limits in RANGES.items()
 }
-"""By argument: the numbers that an option of this name takes. The API may be narrower."""
+"""Type of the option of each numeric argument."""
 
 
 @dataclass(frozen=True, slots=True)
 class Use:
-    """`options`, separated by blanks, are for the ways that `needs` describes.
+    """The case in which options take effect; elsewhere they are refused.
 
-    They are used where `condition` holds for the parsed arguments, and refused elsewhere.
+    Parameters
+    ----------
+    options
+        Names of the options, separated by blanks.
+    needs
+        Completes the message "is for ...".
+    condition
+        Whether the parsed arguments use the options.
     """
 
     options: str
@@ -138,22 +80,22 @@ class Use:
 
 
 def check_uses(args: argparse.Namespace, uses: Iterable[Use]) -> None:
-    """Refuse an option that was written, but that the chosen way does not use.
+    """Refuse options of the command line that would have no effect.
 
     Raises
     ------
     UsageError
-        Names the option and what it is for.
+        `argument` names these options.
     """
     for use in uses:
         unused = [name for name in use.options.split() if name in args.explicit]
         if unused and not use.condition(args):
             verb = "is" if len(unused) == 1 else "are"
-            raise UsageError(f"{', '.join(unused)} {verb} for {use.needs}")
+            raise UsageError(f"{verb} for {use.needs}", argument=", ".join(unused))
 
 
 def names_a_file(names: Iterable[str], *suffixes: str) -> bool:
-    """Whether one of `names`, several of which may be joined by commas, ends in a suffix."""
+    """Whether one of `names`, which commas may join, ends in one of `suffixes`."""
     parts = [part.strip().lower() for name in names for part in name.split(",")]
     return any(part.endswith(suffixes) for part in parts)
 
@@ -167,59 +109,61 @@ WAVE_USES = (
 )
 
 
-def window(word: str) -> tuple[float, float]:
-    """``START:END`` in ms, the time in which spikes are counted."""
+def parse_window(text: str) -> tuple[float, float]:
+    """Start and end in ms of a counting window ``START:END``."""
     try:
-        start, end = map(NUMBERS["window_ms"], word.split(":"))
-    except (ValueError, argparse.ArgumentTypeError):
+        start, end = map(NUMBERS["window_ms"], text.split(":"))
+    except ValueError:
         start = end = 0.0
     if not start < end:
-        raise argparse.ArgumentTypeError(f"expected START:END in ms as 5:250, got {word!r}")
+        raise UsageError(found=text, expected="START:END in ms, such as 5:250")
     return start, end
 
 
-def column(text: str) -> tuple[str, str]:
-    """``time=NAME``: what a column is, and its name."""
+def parse_column(text: str) -> tuple[str, str]:
+    """Key and column name of ``time=NAME``."""
     key, _, name = map(str.strip, text.partition("="))
     if not (key and name):
-        raise argparse.ArgumentTypeError(f"expected time=NAME,value=NAME, got {text!r}")
+        raise UsageError(found=text, expected="time=NAME,value=NAME")
     return key, name
 
 
-class Words(argparse.Action):
-    """A list of words, each its own or by repetition of the option; `type` is that of an item.
+class RepeatedOption(argparse.Action):
+    """A list, one item a word or by repetition of the option; `type` is that of an item.
 
-    ``--stimulus a b`` comes as ``--stimulus=a --stimulus=b`` (`fembridge.cli`).
+    ``--stimulus a b`` arrives as ``--stimulus=a --stimulus=b`` (`fembridge.cli`).
     """
 
     separator: str | None = None
 
-    def __init__(self, option_strings: Sequence[str], dest: str, **how: Any) -> None:  # noqa: ANN401 - as argparse calls it
-        self.item, self.known = how.pop("type", str), tuple(how.pop("choices", ()))
-        super().__init__(option_strings, dest, **how)
-        if self.known and self.metavar is None:
-            self.metavar = ",".join(self.known)
+    def __init__(self, option_strings: Sequence[str], dest: str, **settings: Any) -> None:  # noqa: ANN401 - as argparse calls it
+        self.item_type = settings.pop("type", str)
+        self.item_choices = tuple(settings.pop("choices", ()))
+        super().__init__(option_strings, dest, **settings)
+        if self.item_choices and self.metavar is None:
+            self.metavar = ",".join(self.item_choices)
 
-    def items(self, word: str) -> list[Any]:
-        """The items of one word."""
-        texts = [word] if self.separator is None else word.split(self.separator)
+    def items(self, text: str) -> list[Any]:
+        """The items of one argument; a `UsageError` names the option."""
+        parts = [text] if self.separator is None else text.split(self.separator)
         items = []
-        for text in filter(None, map(str.strip, texts)):
+        for part in filter(None, map(str.strip, parts)):
             try:
-                items.append(self.item(text))
-            except argparse.ArgumentTypeError as error:
-                raise argparse.ArgumentError(self, str(error)) from error
-            if self.known and items[-1] not in self.known:
-                raise argparse.ArgumentError(self, invalid_choice(text, self.known))
+                items.append(self.item_type(part))
+            except UsageError as error:
+                error.argument = option_name(self)
+                raise
+            if self.item_choices and items[-1] not in self.item_choices:
+                raise choice_error(self, part, self.item_choices)
         if not items:
-            raise argparse.ArgumentError(self, f"expected a value, got {word!r}")
+            raise UsageError(argument=option_name(self), found=text, expected="a value")
         return items
 
-    def takes(self, word: str) -> bool:
-        """Whether `word` is an item or several."""
+    def accepts(self, text: str) -> bool:
+        """Whether `text` is an item or several."""
         try:
-            self.items(word)
-        except argparse.ArgumentError:
+            self.items(text)
+        except UsageError:
             return False
         return True
 
@@ -230,120 +174,139 @@ class Words(argparse.Action):
         values: Any,  # noqa: ANN401 - as argparse has it
         option_string: str | None = None,
     ) -> None:
-        """Add the items of a word; the first one takes the place of the default."""
+        """Add the items of an argument; the first ones replace the default."""
         before = getattr(namespace, self.dest)
         before = [] if before is self.default else before
         setattr(namespace, self.dest, [*before, *self.items(values)])
 
 
-class Several(Words):
+class Several(RepeatedOption):
     """A list, the items also separated by commas."""
 
     separator = ","
 
 
-def invalid_choice(word: str, choices: Sequence[str]) -> str:
-    """What is wrong with a `word` that is none of `choices`."""
-    from fembridge.store import near_hint
-
-    expected = f"expected one of {', '.join(choices)}"
-    return f"invalid choice: {word!r}, {expected}{near_hint(word, choices)}"
+def option_name(action: argparse.Action) -> str:
+    """Long name of an option, such as ``--output``, or the metavar of a positional argument."""
+    flags = [flag for flag in action.option_strings if flag.startswith("--")]
+    return flags[0] if flags else str(action.metavar or action.dest)
 
 
-_SHARED: Mapping[str, About] = {
+def choice_error(action: argparse.Action, text: str, choices: Sequence[str]) -> UsageError:
+    """The error of a `text` that is none of the `choices` of an option."""
+    from fembridge.host.store import near_hint
+
+    expected = f"one of {', '.join(choices)}"
+    problem = f"is {text!r}, expected {expected}{near_hint(text, choices)}"
+    return UsageError(problem, argument=option_name(action), found=text, expected=expected)
+
+
+_SHARED: Mapping[str, Description] = {
     "stimulus": (
-        {"also": "--waveform", "action": Words, "metavar": "ID|FILE"},
-        "sine_20_250, a set as noise_25_250 or all, ramp_300_100_200_100 (300 um deep "
-        "in 100 ms, held for 200, back in 100), or a waveform: .csv with time_ms and "
-        "displacement_um, .wav, .npy; several as words or with commas",
+        {"also": "--waveform", "action": RepeatedOption, "metavar": "ID|FILE"},
+        "ids of the catalogue (sine_20_250), sets (noise_25_250, all), ramp-and-holds "
+        "(ramp_300_100_200_100: 300 um in 100 ms, held for 200 ms, back in 100 ms) or "
+        "waveforms: .csv with time_ms and displacement_um, .wav, .npy",
     ),
-    "dt_ms": ("MS", "time between two samples of an .npy waveform"),
-    "full_scale_um": ("UM", "full scale of a .wav waveform that does not hold it itself"),
+    "dt_ms": ("MS", "time step of an .npy waveform"),
+    "full_scale_um": ("UM", "full scale of a .wav waveform, unless the file states it"),
     "window_ms": (
-        {"type": window, "metavar": "START:END"},
-        "count spikes after START up to END (default: the window of the stimulus; of one's own "
-        "all of it)",
+        {"type": parse_window, "metavar": "START:END"},
+        "count spikes after START up to END (default: the window of the stimulus; of a waveform "
+        "file all of it)",
     ),
     "preindent_um": (
         "DEPTH",
-        "depth of the probe before time 0 (default: as in the fit of the parameters)",
+        "pre-indentation: depth of the probe before time 0 (default: that of the fit of the "
+        "parameter set)",
     ),
-    "seed": "draw other noise than the catalogue's (>= 0)",
-    "slide_mm_per_s": ("V", "the probe also slides along x from time 0 on (default: it does not)"),
+    "seed": "seed of the noise (default: the seed of the catalogue)",
+    "slide_mm_per_s": ("V", "slide the probe along x from time 0 on (default: no sliding)"),
     "finger": ("NAME|FILE.toml", "quick (3 100 elements), paper (17 702) or a file"),
-    "whole_section": "solve both halves of a section whose halves are mirror images (default: "
-    "the right one, for waveforms in CalculiX)",
-    "inertia": "the skin's mass counts while the probe follows its waveform",
-    "law": (("linear", "neo-hookean"), "of skin and tissue under large strain; the same at rest"),
-    "observed": ("RATES.csv", "what to fit to: a table stimulus,afferent,rate_ips"),
-    "response": ("DIR|FILE.toml", "or a response of your own, as `fembridge simulate` keeps it"),
+    "whole_section": "solve both halves of a symmetric section (default: the right half, for "
+    "waveforms in CalculiX)",
+    "inertia": "include the inertia of the skin while the probe follows its waveform",
+    "law": (
+        ("linear", "neo-hookean"),
+        "elastic law of skin and tissue without a law in the finger file; both have the same "
+        "stiffness at small strain",
+    ),
+    "observed": ("RATES.csv", "observed rates: a table stimulus,afferent,rate_ips"),
+    "response": (
+        "DIR|FILE.toml",
+        "response map of your own finger, as `fembridge simulate` writes it",
+    ),
     "pad": (
         "NAME|FILE.npz",
-        "reference; of touch also plane, the ridged section, endless along z; or a file",
+        "reference; for touch also plane (the ridged section, endless along z); or a file",
     ),
     "endings_mm": (
         "MM",
-        "around an SA or RA unit's ending are eight others, half as sensitive; it feels by "
-        "the one that is driven most; 0 is a point",
+        "distance from the ending of an SA or RA unit to eight further endings of half its "
+        "sensitivity; the ending with the largest drive counts; 0: a single ending",
     ),
-    "sa_von_mises": "SA units read von Mises stress, as in the paper, in place of compression "
-    "and stretch",
+    "sa_von_mises": "SA units respond to von Mises stress, as in the paper, instead of "
+    "compression and stretch",
     "parameters": (
         "NAME",
-        "neural parameters: published (Table 2 of the paper), fitted, or a TOML file; "
-        "what a file leaves out is that of its base",
+        "parameter set: published (Table 2 of the paper), fitted, or a TOML file; keys that a "
+        "file lacks come from its base",
     ),
     "threads": (
         "N",
-        "threads of each run (default: OMP_NUM_THREADS, or for run 1, else all cores)",
+        "threads of each run (default: OMP_NUM_THREADS; else 1 for the verb run, all cores for "
+        "other verbs)",
     ),
-    "jobs": ("N", "runs at the same time"),
-    "time_limit_s": ("S", "stop a run after so many seconds (default: never)"),
-    "cache": "solve also what was solved before on this machine",
+    "jobs": ("N", "parallel runs"),
+    "time_limit_s": ("S", "stop a run after S seconds (default: never)"),
+    "cache": "solve again, without the results of earlier runs on this machine",
 }
-"""By argument."""
+"""Description of each shared argument."""
 
 
 def add_from(
     parser: argparse._ActionsContainer,
     function: Callable[..., Any],
     *shared: str,
-    **own: About,
+    **described: Description,
 ) -> None:
-    """Add options that are arguments of a `function` of the API: type and default are its own.
+    """Add options that are arguments of a public `function`, with its defaults.
 
-    What is said of `shared` ones is here, of the verb's `own` ones in the call; the default
-    is added. One that is true by default becomes ``--no-...``.
+    The default of an argument decides: a text is a text, True or False a flag (``--no-...`` for
+    True), a tuple a list; any other argument is a number if it is in `NUMBERS`, else a text. The
+    descriptions of `shared` arguments are in this module, those of `described` ones in the call.
     """
-    arguments = signature(function).parameters
-    for name, about in {**own, **{name: _SHARED[name] for name in shared}}.items():
-        what, meaning = (None, about) if isinstance(about, str) else about
-        default = arguments[name].default
+    parameters = signature(function).parameters
+    for name, description in {**described, **{name: _SHARED[name] for name in shared}}.items():
+        form, meaning = (None, description) if isinstance(description, str) else description
+        default = parameters[name].default
         if isinstance(default, bool):
             flag, action = option(f"no_{name}" if default else name), f"store_{not default}".lower()
             parser.add_argument(flag, action=action, dest=name, help=meaning)
             continue
-        kinds = re.findall(r"\w+", str(arguments[name].annotation))
-        is_number = {"float", "int"} & set(kinds) and "str" not in kinds
-        how: dict[str, Any] = {"type": NUMBERS[name] if is_number else str}
-        if isinstance(what, Mapping):
-            how |= what
+        settings: dict[str, Any] = {
+            "type": str if isinstance(default, str) else NUMBERS.get(name, str)
+        }
+        if isinstance(form, Mapping):
+            settings |= form
+        elif isinstance(form, str | None):
+            settings["metavar"] = form
         else:
-            how |= {"metavar": what} if isinstance(what, str | None) else {"choices": tuple(what)}
-        shown = default
+            settings |= {"choices": tuple(form), "type": str}
+        default_text = "" if default in (None, "") else f"{default}"
         if default is Parameter.empty:
-            how["required"], default, shown = True, None, None
+            settings["required"], default, default_text = True, None, ""
         elif isinstance(default, tuple):
-            how["action"], default = Several, list(default)
-            shown = ",".join(f"{each:g}" for each in default)
-        said = "" if shown in (None, "") else f"default: {shown}".removesuffix(".0")
-        text = f"{meaning} ({said})" if meaning and said else meaning or said
-        flags = [option(name), how.pop("also", None)]
-        parser.add_argument(*filter(None, flags), default=default, dest=name, help=text, **how)
+            settings["action"], default = Several, list(default)
+            default_text = ",".join(f"{value:g}" for value in default)
+        note = f"default: {default_text}".removesuffix(".0") if default_text else ""
+        text = f"{meaning} ({note})" if meaning and note else meaning or note
+        flags = [option(name), settings.pop("also", None)]
+        parser.add_argument(*filter(None, flags), default=default, dest=name, help=text, **settings)
 
 
 def add_output_option(parser: argparse.ArgumentParser, default: str) -> None:
-    """Where to."""
+    """Add ``-o``: where results are written."""
     parser.add_argument(
         "-o",
         "--output",
@@ -355,48 +318,50 @@ def add_output_option(parser: argparse.ArgumentParser, default: str) -> None:
 
 
 def add_export_option(parser: argparse.ArgumentParser) -> None:
-    """For which programs the spikes are written."""
+    """Add ``--export``: formats of other programs."""
     parser.add_argument(
         "--export",
         action=Several,
         default=[],
         choices=("npz", "mat", "nwb", "neo", "sonata"),
-        help="also write the spikes for other programs, see docs/recording.md",
+        help="also write the spikes in formats of other programs (docs/recording.md)",
     )
 
 
 def add_probe_options(parser: argparse._ActionsContainer) -> None:
-    """What the probe is: the fields of `decks.probe.Probe`, which has the defaults."""
+    """Add the fields of `decks.probe.Probe`, which has the defaults."""
     add = parser.add_argument
     add("--probe-shape", choices=("cylinder", "flat"), help="default: cylinder")
     add("--probe-diameter-mm", type=NUMBERS["probe_diameter_mm"], metavar="D", help="default: 1")
-    edges = "of a flat probe's edges (default: 0.1, at most a quarter of its width)"
-    add("--probe-fillet-mm", type=NUMBERS["probe_fillet_mm"], metavar="R", help=edges)
-    across = "across the finger (default: 0)"
-    add("--probe-x-mm", type=NUMBERS["probe_x_mm"], metavar="X", help=across)
+    fillet = "edge radius of a flat probe (default: 0.1, at most a quarter of its width)"
+    add("--probe-fillet-mm", type=NUMBERS["probe_fillet_mm"], metavar="R", help=fillet)
+    position = "position across the finger (default: 0)"
+    add("--probe-x-mm", type=NUMBERS["probe_x_mm"], metavar="X", help=position)
 
 
 def probe_from(args: argparse.Namespace) -> "Probe":
-    """The probe that the options describe."""
+    """The probe of the options."""
     from decks.probe import Probe
     from fembridge.errors import FingerError
 
-    given = {
+    fields = {
         name.removeprefix("probe_"): value
         for name, value in vars(args).items()
         if name.startswith("probe_") and name != "probe_body" and value is not None
     }
     try:
-        return Probe(**given)
+        return Probe(**fields)
     except FingerError as error:
-        raise UsageError(f"probe: {error}") from error
+        failure = UsageError.from_error(error)
+        failure.argument = f"probe_{error.argument}"
+        raise failure from error
 
 
 def option(name: str) -> str:
-    """Option that an argument of the API has on the command line; its limits are in s."""
+    """Option of an argument, such as ``--depth-um``; limits lose their unit, s."""
     return f"--{name.replace('limit_s', 'limit').replace('_', '-')}"
 
 
 def words_of(args: argparse.Namespace, function: Callable[..., Any]) -> dict[str, Any]:
-    """Arguments of a `function` of the API that are options of the same names."""
+    """Values of the arguments of a `function` that are options of the same names."""
     return {name: getattr(args, name) for name in signature(function).parameters if name in args}

@@ -1,55 +1,87 @@
-"""Have CalculiX make the pad of a finger: what `fembridge touch` superposes.
+"""Compute the pad of a finger or of your own mesh with CalculiX: what `fembridge touch` superposes.
 
-The section is swept along the finger; unit forces on one slice of the skin, in four
-decks for the mirror images about x = 0 and z = 0, give its Green's functions (two
-minutes and 0.3 GB at 0.25 mm; cost grows with about the fifth power of 1 / spacing).
+A section of a finger is swept along it; unit forces on one slice of the skin, in four runs for
+the mirror images about x = 0 and z = 0, give its Green's functions (two minutes and 0.3 GB at
+0.25 mm; the cost grows with about the fifth power of 1 / spacing).
+
+With --base-deck it is the pad of your own solid model: unit forces on all nodes of --skin, stress
+at the --afferents. --runs DIR keeps what was solved, and the same command goes on there.
 """
 
 import argparse
 from pathlib import Path
 from typing import Any
 
-from fembridge.commands.options import NUMBERS, add_from, words_of
-from fembridge.solver.settings import SolverSettings
-from fembridge.terminal import log
+from fembridge.commands.options import NODE, Number, Use, add_from, words_of
+from fembridge.ranges import Range
+from fembridge.solver.settings import Solver
 
-EXAMPLE = "fembridge pad --finger finger.toml -o pad.npz"
+EXAMPLE = "fembridge pad --base-deck mine.inp --skin SKIN --afferents EPIDERMIS:0.6 -o pad.npz"
+
+_FINGER_OPTIONS = "--finger --spacing-mm --ridges --plane --jobs"
+_MESH_OPTIONS = "--skin --afferents --after-step --apex --outward --along"
+
+USES = (
+    Use(_FINGER_OPTIONS, "a finger, not for --base-deck", lambda args: args.base_deck is None),
+    Use(_MESH_OPTIONS, "--base-deck", lambda args: args.base_deck is not None),
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb understands."""
-    from fembridge.api import simulate
+    """Declare the options of the verb."""
+    from fembridge.touching.make_pad import make_pad
 
-    add_from(parser, simulate, "finger")
-    parser.add_argument(
-        "--spacing-mm",
-        type=NUMBERS["spacing_mm"],
-        metavar="MM",
-        help="between nodes that may touch (default: 0.25, of a plane pad 0.0625)",
+    add_from(
+        parser,
+        make_pad,
+        "finger",
+        spacing_mm=(
+            "MM",
+            "distance of two nodes that may touch (default: 0.25, of a plane pad 0.0625)",
+        ),
+        reach_mm=(
+            "MM",
+            "distance from the apex up to which skin may be touched (default: 4.5; own model: all)",
+        ),
+        ridges="model the ridges and papillae of the finger, along its axis (default: smooth)",
+        plane="the section alone, in plane strain: shapes are endless along the finger",
     )
-    parser.add_argument(
-        "--reach-mm",
-        type=NUMBERS["reach_mm"],
-        default=4.5,
-        metavar="MM",
-        help="they lie so far to both sides of the apex, along the skin (default: 4.5)",
+    own = parser.add_argument_group("your own model")
+    own.add_argument("--base-deck", type=Path, metavar="FILE.inp", help="deck of a solid model")
+    own.add_argument("--skin", metavar="SURF", help="surface or node set that may be touched")
+    own.add_argument(
+        "--afferents",
+        action="append",
+        metavar="[CLASS=]SET[:MM]",
+        help="where stress is computed: SA=EPIDERMIS:0.6 is 0.6 mm below the skin in this element "
+        "set, 0.6 in the material at that depth, NODES at the nodes of this set; repeatable "
+        "(default: SA=0.5875, RA=0.52, PC=2)",
     )
-    parser.add_argument(
-        "--ridges",
-        action="store_true",
-        help="with the finger's ridges and papillae, along its axis (default: smooth)",
+    own.add_argument(
+        "--after-step",
+        type=Number.within(Range(0, 1000, is_whole=True)),
+        default=0,
+        metavar="N",
+        help="linearise after this step of the deck, such as a preload (default: 0, undeformed)",
     )
-    parser.add_argument(
-        "--plane",
-        action="store_true",
-        help="the section alone, in plane strain: what touches it is endless along the finger",
-    )
-    add_from(parser, SolverSettings, "threads", "jobs", "time_limit_s")
+    own.add_argument("--apex", type=NODE, metavar="NODE", help="node at the middle of the map")
+    for option, meaning in (
+        ("outward", "direction out of the skin at the middle (default: mean normal of the skin)"),
+        ("along", "direction along the finger, to its tip (default: longest of the skin)"),
+    ):
+        own.add_argument(
+            f"--{option}",
+            type=Number.within(Range()),
+            nargs=3,
+            metavar=("X", "Y", "Z"),
+            help=meaning,
+        )
+    add_from(parser, Solver, "threads", "jobs", "time_limit_s")
     parser.add_argument(
         "--runs",
         type=Path,
         metavar="DIR",
-        help="where the solver's runs are kept (default: nowhere, they are removed at the end)",
+        help="keep the solver's runs in DIR (default: they are removed at the end)",
     )
     parser.add_argument(
         "-o",
@@ -61,52 +93,57 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _words(args: argparse.Namespace) -> dict[str, Any]:
+    """Arguments of `make_pad`."""
+    from fembridge.touching.make_pad import make_pad
+
+    words = words_of(args, make_pad)
+    if args.base_deck is None:
+        return words
+    from fembridge.errors import UsageError
+    from fembridge.touching.make_pad import SkinMap
+
+    outward, along = (value and tuple(value) for value in (args.outward, args.along))
+    words["skin_map"] = SkinMap(args.apex, outward, along)
+    by_class: dict[str, str] = {}
+    for text in args.afferents or ():
+        name, equals, place = text.rpartition("=")
+        if not equals and len(args.afferents) > 1:
+            expected = "CLASS=SET:MM where there are several"
+            raise UsageError(argument="afferents", found=text, expected=expected)
+        by_class[name] = place
+    words["afferents"] = by_class.get("", by_class) or None
+    return words
+
+
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Make the pad; the summary says how large it is."""
+    """Make the pad; the summary has its size."""
     from contextlib import ExitStack
+    from dataclasses import replace
 
-    from decks.green import PLANE_ROWS, PadMesh, smooth
-    from decks.presets import read_finger
-    from fembridge.errors import FingerError, OutputError, SolverError, UsageError
-    from fembridge.store import check_output, working_folder
-    from fembridge.touching.green import solve_pad
-    from fembridge.touching.pad_file import write_pad
+    from fembridge.errors import OutputError, SolverError, UsageError
+    from fembridge.host.store import check_output, working_folder
+    from fembridge.touching.make_pad import make_pad
 
-    if args.output.suffix != ".npz":
-        raise UsageError(f"{args.output}: expected a name in .npz")
-    finger = read_finger(args.finger)
-    spacing_mm = args.spacing_mm
-    if spacing_mm is None:
-        spacing_mm = 0.0625 if args.plane else 0.25
-    rows = PLANE_ROWS if args.plane else 1
-    try:
-        mesh = PadMesh(spacing_mm, args.reach_mm, plane=args.plane, rows=rows)
-    except FingerError as error:  # of a number of ours, not of a file
-        raise UsageError(str(error)) from error
-    check_output(args.output.parent, args.output.name)
+    output: Path = args.output
+    if output.suffix != ".npz":
+        raise UsageError(argument="output", found=str(output), expected="a name in .npz")
+    check_output(output.parent, output.name)
     with ExitStack() as stack:
-        folder = args.runs or stack.enter_context(working_folder(args.output.parent))
+        folder = args.runs or stack.enter_context(working_folder(output.parent))
+        solver = replace(Solver(**words_of(args, Solver)), runs_folder=folder)
         try:
-            pad = solve_pad(
-                folder,
-                finger if args.ridges else smooth(finger),
-                mesh,
-                SolverSettings(**words_of(args, SolverSettings)),
-                log=log,
-            )
+            pad = make_pad(**_words(args), solver=solver)
         except SolverError as error:
             if args.runs:
                 raise
-            problem = f"{error.problem}; --runs DIR keeps what the solver wrote"
+            problem = f"{error.problem}; --runs DIR keeps the files of the solver"
             raise SolverError(problem, Path(error.path.name)) from error
         except OutputError as error:
             if args.runs or not error.path.is_relative_to(folder):
                 raise
-            raise OutputError(error.problem, args.output) from error
-    write_pad(args.output, pad)
-    size = args.output.stat().st_size
-    print(
-        f"{args.output}: {pad.x_mm.size} columns of skin {spacing_mm:g} mm apart, "
-        f"{pad.origin['elements']} elements, {size / 1e6:.1f} MB"
-    )
-    return {"pad": args.output, "bytes": size, **pad.origin}
+            raise OutputError(error.problem, output) from error
+    pad.write(output)
+    size = output.stat().st_size
+    print(f"{output}: {pad.skin_text}, {pad.origin['elements']} elements, {size / 1e6:.1f} MB")
+    return {"pad": output, "bytes": size, **pad.origin}

@@ -11,21 +11,21 @@ from typing import TYPE_CHECKING, Any
 from fembridge.commands.options import (
     NUMBERS,
     PROBE_USES,
+    RepeatedOption,
     Several,
-    Words,
     add_from,
     add_probe_options,
-    window,
+    parse_window,
 )
 from fembridge.errors import UsageError
-from fembridge.terminal import log
+from fembridge.host.terminal import log
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from fembridge.simulation import FolderStimuli
+    from fembridge.io.spike_table import Rate
+    from fembridge.simulation.folder import FolderStimuli
     from fembridge.stimulus import Stimulus
-    from fembridge.tables import Rate
 
     Drawn = tuple[Figure, dict[str, Any]]
 
@@ -46,12 +46,13 @@ _Options = tuple[tuple[str, str, dict[str, Any]], ...]
 _OF_SPIKES: _Options = (
     ("table", "table of spikes, or a folder of simulate or encode", _FILE),
     ("--stimulus", "rows from top to bottom, silent ones too; a single one is drawn above "
-     "(default: those of the folder, else of the table)", {"action": Words, "metavar": "ID"}),
+     "(default: those of the folder, else of the table)",
+     {"action": RepeatedOption, "metavar": "ID"}),
     ("--afferent", "panels from left to right (default: those of the table)", _CLASSES),
 )  # fmt: skip
 _COUNTED: _Options = (
     ("--window-ms", "leave white only the time in which spikes were counted",
-     {"type": window, "metavar": "START:END"}),
+     {"type": parse_window, "metavar": "START:END"}),
     _PREINDENT,
 )  # fmt: skip
 
@@ -68,7 +69,8 @@ _OF_A_PAGE = ("source", "family", "set", "level_um")
 # Each picture: what it shows, an example, and its own options: help, and how it is read.
 _PICTURES: dict[str, tuple[str, str, _Options]] = {
     "mesh": (
-        "the finger's layers and elements, its afferents, and the probe",
+        "the finger's layers and elements, its afferents, and the probe; of a round fingertip "
+        "(fingertip, fingertip_macaque) two sections",
         "mesh --finger paper -o mesh.pdf",
         (),
     ),
@@ -183,7 +185,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             help="print a summary a program can read",
         )
         if name == "mesh":
-            from fembridge.api import simulate
+            from fembridge.simulation.simulate import simulate
 
             add_from(picture, simulate, "finger")
             add_probe_options(picture)
@@ -193,7 +195,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Draw; the summary holds what is in the picture and where it is."""
-    from fembridge.plots.mesh import MESH_DPI
+    from fembridge.plots.finger_mesh import MESH_DPI
     from fembridge.plots.style import DPI, check_suffix, save_figure
 
     check_suffix(args.output)
@@ -211,10 +213,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _mesh(args: argparse.Namespace) -> "Drawn":
+    from decks.fingertip import is_fingertip
     from decks.presets import mesh_of, read_finger
     from fembridge.commands.options import probe_from
-    from fembridge.plots.mesh import afferent_nodes, mesh_figure
+    from fembridge.plots.finger_mesh import afferent_nodes, mesh_figure
 
+    if is_fingertip(args.finger):
+        return _fingertip(args.finger)
     finger = read_finger(args.finger)
     mesh = mesh_of(finger)
     keys = ("node", "layer", "x_mm", "depth_mm")
@@ -227,12 +232,27 @@ def _mesh(args: argparse.Namespace) -> "Drawn":
     }
 
 
+def _fingertip(preset_or_path: str) -> "Drawn":
+    from decks.fingertip import read_fingertip
+    from decks.fingertip_mesh import mesh_fingertip
+    from fembridge.plots.fingertip_sections import sections_figure
+
+    tip = read_fingertip(preset_or_path)
+    mesh = mesh_fingertip(tip)
+    return sections_figure(tip, mesh), {
+        "finger": tip.name,
+        "elements": len(mesh.tet),
+        "nodes": len(mesh.node_mm),
+        "afferents": {name: len(rows) for name, rows in mesh.afferents.items()},
+    }
+
+
 def _response(args: argparse.Namespace) -> "Drawn":
     from decks.presets import read_finger
     from decks.probe import Probe
     from fembridge.plots.response import response_figure
     from fembridge.response.response_map import MAP_FILE, read_map, stored_response
-    from fembridge.simulation import find_file
+    from fembridge.simulation.folder import find_file
 
     if args.file is None:
         response = stored_response(read_finger(args.finger or "quick"), Probe(), "CPE4")
@@ -240,9 +260,9 @@ def _response(args: argparse.Namespace) -> "Drawn":
         made_by = "fembridge simulate leaves it where it solves a response map"
         response = read_map(find_file(args.file, (MAP_FILE,), made_by))
     else:
-        raise UsageError(f"{args.file} and --finger {args.finger}: expected one")
+        raise UsageError(f"cannot be combined with the file {args.file}", argument="finger")
     return response_figure(response), {
-        "afferents": [site.afferent for site in response.places],
+        "afferents": response.class_names(),
         "depths": response.depth_um.size,
         "deepest_um": response.deepest_um,
         "closure_percent": response.closure_percent,
@@ -250,11 +270,11 @@ def _response(args: argparse.Namespace) -> "Drawn":
 
 
 def _trace(args: argparse.Namespace) -> "Drawn":
-    from fembridge.encoding import read_stress
-    from fembridge.plots.trace import trace_figure
-    from fembridge.simulation import stimuli_in
+    from fembridge.plots.stress_history import trace_figure
+    from fembridge.simulation.encoding import read_stress
+    from fembridge.simulation.folder import stimuli_in
 
-    traces, path = read_stress(args.table, log)
+    traces, path = read_stress(args.table)
     recorded = stimuli_in(path.parent)
     stimuli_in_table = list(dict.fromkeys(trace.stimulus for trace in traces if trace.stimulus))
     if (
@@ -266,7 +286,7 @@ def _trace(args: argparse.Namespace) -> "Drawn":
             f"{len(stimuli_in_table)} stimuli, {stimuli_in_table[0]} to {stimuli_in_table[-1]}"
         )
         problem = f"has {several if stimuli_in_table[1:] else stimuli_in_table[0]}"
-        raise UsageError(f"{path}: {problem}; name one of them: --stimulus ID")
+        raise UsageError(f"{problem}; name one of them: --stimulus ID", path)
     name = args.stimulus
     if name is None and recorded.stimuli:
         [name, *others] = stimuli_in_table or [stimulus.id for stimulus in recorded.stimuli]
@@ -294,15 +314,16 @@ def _trace(args: argparse.Namespace) -> "Drawn":
 
 def _spikes(args: argparse.Namespace) -> "Drawn":
     """Raster, PSTH or intervals of a table of spikes, with the stimuli that its folder knows."""
-    from fembridge.plots import spikes
-    from fembridge.simulation import SPIKES_FILE, FolderStimuli, find_file, stimuli_in
-    from fembridge.tables import AFFERENTS, read_spikes
+    from fembridge.io.spike_table import read_spikes
+    from fembridge.plots import spike_figures
+    from fembridge.simulation.folder import SPIKES_FILE, FolderStimuli, find_file, stimuli_in
+    from fembridge.trace import AFFERENTS
 
     path = find_file(args.table, (SPIKES_FILE,), "simulate and encode leave it")
     trains = read_spikes(path)
     rows = stimuli_in_table = list(dict.fromkeys(train.stimulus for train in trains))
     recorded = stimuli_in(path.parent)
-    if recorded.stimuli and all(map(recorded.of, stimuli_in_table)):
+    if recorded.stimuli and all(map(recorded.stimulus, stimuli_in_table)):
         trains = recorded.with_silent(trains)
         rows = [stimulus.id for stimulus in recorded.stimuli]
     else:
@@ -310,9 +331,9 @@ def _spikes(args: argparse.Namespace) -> "Drawn":
     if args.stimulus:
         rows = _rows_named(args.stimulus, rows, is_complete=bool(recorded.stimuli))
     if not rows:
-        raise UsageError(f"{path}: no spikes; --stimulus ID gives silent rows")
+        raise UsageError("no spikes; --stimulus ID gives silent rows", path)
     silent = [name for name in rows if name not in stimuli_in_table]
-    if unknown := [name for name in silent if not recorded.of(name)]:
+    if unknown := [name for name in silent if not recorded.stimulus(name)]:
         log(f"{path}: no spike of {', '.join(unknown)}: silent, or not in it")
     selected = [train for train in trains if train.stimulus in rows]
     classes_present = {train.afferent for train in trains} or AFFERENTS
@@ -324,11 +345,13 @@ def _spikes(args: argparse.Namespace) -> "Drawn":
         plot_options["bin_ms"] = summary["bin_ms"] = args.bin_ms
     if args.picture == "isi":
         intervals_ms = [
-            spikes.intervals_ms(selected, row, afferent) for row in rows for afferent in classes
+            spike_figures.intervals_ms(selected, row, afferent)
+            for row in rows
+            for afferent in classes
         ]
         summary["intervals"] = sum(intervals.size for intervals in intervals_ms)
-        return spikes.isi_figure(**plot_options, longest_ms=args.longest_ms), summary
-    stimuli = list(filter(None, map(recorded.of, rows)))
+        return spike_figures.isi_figure(**plot_options, longest_ms=args.longest_ms), summary
+    stimuli = list(filter(None, map(recorded.stimulus, rows)))
     plot_options["waveform"] = None
     if len(rows) == 1 and (stimuli or args.stimulus):
         stimuli = [_waveform(args, rows[0], recorded)]
@@ -338,7 +361,7 @@ def _spikes(args: argparse.Namespace) -> "Drawn":
         {args.window_ms} if args.window_ms else {stimulus.window_ms for stimulus in stimuli}
     )
     plot_options["window_ms"] = windows_ms.pop() if len(windows_ms) == 1 else None
-    draw = spikes.raster_figure if args.picture == "raster" else spikes.psth_figure
+    draw = spike_figures.raster_figure if args.picture == "raster" else spike_figures.psth_figure
     return draw(**plot_options), summary
 
 
@@ -362,16 +385,21 @@ def _waveform(args: argparse.Namespace, stimulus_id: str, recorded: "FolderStimu
     """The stimulus as it is recorded, else as the catalogue and --preindent-um have it."""
     stimuli = (
         [stimulus]
-        if (stimulus := recorded.of(stimulus_id))
+        if (stimulus := recorded.stimulus(stimulus_id))
         else _stimuli([stimulus_id], args.preindent_um or 0.0)
     )
     if len(stimuli) > 1:
-        raise UsageError(f"{stimulus_id} names {len(stimuli)} stimuli, expected one")
-    if stimulus := recorded.of(stimuli[0].id):
+        problem = f"is {stimulus_id}, {len(stimuli)} stimuli, expected one"
+        raise UsageError(problem, argument="stimulus", found=stimulus_id, expected="one stimulus")
+    if stimulus := recorded.stimulus(stimuli[0].id):
         if args.preindent_um not in (None, stimulus.preindent_um):
-            problem = f"{recorded.path} says {stimulus.preindent_um:g} um"
             raise UsageError(
-                f"--preindent-um {args.preindent_um:g}: {problem}; leave the option out"
+                f"is {args.preindent_um:g} um, expected {stimulus.preindent_um:g} um, which the "
+                "run has; omit it",
+                recorded.path,
+                argument="preindent_um",
+                found=args.preindent_um,
+                expected=f"{stimulus.preindent_um:g}",
             )
         return stimulus
     if args.preindent_um is None:
@@ -384,15 +412,15 @@ def _refuse_depth_of(waveform: "Stimulus | None", args: argparse.Namespace) -> N
     """Refuse --preindent-um where no waveform is drawn."""
     if waveform is None and args.preindent_um is not None:
         raise UsageError(
-            "--preindent-um is for a waveform that is drawn: --stimulus ID, a single one"
+            "is for a waveform that is drawn: --stimulus ID, a single one", argument="preindent_um"
         )
 
 
 def _rates(args: argparse.Namespace) -> "Drawn":
     from fembridge.evidence import touchsim_rates
-    from fembridge.observed import read_observed
-    from fembridge.plots.rates import placed, rates_figure
-    from fembridge.simulation import RATES_FILE, find_file
+    from fembridge.io.observed_rates import read_observed
+    from fembridge.plots.rate_comparison import placed, rates_figure
+    from fembridge.simulation.folder import RATES_FILE, find_file
     from fembridge.sweeps.sweep import RESULTS_FILE
 
     made_by = "simulate, encode and sweep leave it"
@@ -419,7 +447,8 @@ def _rates(args: argparse.Namespace) -> "Drawn":
 
 def _rates_in(path: Path) -> "list[Rate]":
     """Rates of a table, or of the one finger of a sweep's table that did not fail."""
-    from fembridge.tables import RATE_COLUMNS, read_rates, read_table
+    from fembridge.io.spike_table import RATE_COLUMNS, read_rates
+    from fembridge.io.text_table import read_table
 
     table = read_table(path, RATE_COLUMNS)
     if "status" not in table.header:
@@ -430,12 +459,12 @@ def _rates_in(path: Path) -> "list[Rate]":
         keys = list(zip(table.column("stimulus"), table.column("afferent"), strict=True))
         if len(set(keys)) < len(keys):
             problem = "rates of several fingers, probes or methods, expected of one"
-            raise UsageError(f"{path}: {problem}; plot sensitivity compares fingers")
+            raise UsageError(f"{problem}; plot sensitivity compares fingers", path)
     return read_rates(table)
 
 
 def _stimulus(args: argparse.Namespace) -> "Drawn":
-    from fembridge.plots.waveform import waveform_figure
+    from fembridge.plots.waveform_overview import waveform_figure
 
     stimuli = _stimuli(args.ids, args.preindent_um, args.seed)
     return waveform_figure(stimuli), {"stimuli": [stimulus.id for stimulus in stimuli]}
@@ -443,14 +472,16 @@ def _stimulus(args: argparse.Namespace) -> "Drawn":
 
 def _sensitivity(args: argparse.Namespace) -> "Drawn":
     """Draw, and write the tables; the summary holds every number of them."""
-    from fembridge import sensitivity
-    from fembridge.plots.sensitivity import effects_figure, regressions_figure
-    from fembridge.simulation import find_file
-    from fembridge.store import write_text
+    from fembridge.host.store import write_text
+    from fembridge.plots.sensitivity_charts import effects_figure, regressions_figure
+    from fembridge.sensitivity import effects as sensitivity
+    from fembridge.sensitivity.wording import effects_markdown, regressions_markdown
+    from fembridge.simulation.folder import find_file
     from fembridge.sweeps.sweep import RESULTS_FILE
 
     if args.effects is not None and args.effects.suffix.lower() not in _TABLES:
-        raise UsageError(f"{args.effects}: expected {' or '.join(_TABLES)}")
+        expected = f"a name in {' or '.join(_TABLES)}"
+        raise UsageError(argument="effects", found=str(args.effects), expected=expected)
     path = find_file(args.table, (RESULTS_FILE,), "sweep leaves it when nothing is left to do")
     swept = sensitivity.read_swept(path)
     for cause in swept.causes:
@@ -458,10 +489,10 @@ def _sensitivity(args: argparse.Namespace) -> "Drawn":
     single = sensitivity.is_one_at_a_time(swept)
     if single:
         table = sensitivity.single_effects(swept)
-        markdown, figure = sensitivity.effects_markdown(table), effects_figure(table)
+        markdown, figure = effects_markdown(table), effects_figure(table)
     else:
         table = sensitivity.rank_regressions(swept)
-        markdown = sensitivity.regressions_markdown(swept, table)
+        markdown = regressions_markdown(swept, table)
         figure = regressions_figure(table, len(swept.parameters))
     if args.effects is not None:
         is_csv = args.effects.suffix.lower() == ".csv"
@@ -480,6 +511,6 @@ def _sensitivity(args: argparse.Namespace) -> "Drawn":
 def _stimuli(
     texts: list[str], preindent_um: float = 0.0, seed: int | None = None
 ) -> "list[Stimulus]":
-    from fembridge.stimulus_file import stimuli_of
+    from fembridge.io.waveform import Waveform
 
-    return stimuli_of(texts, preindent_um, seed, log=log)
+    return Waveform(texts, seed=seed).stimuli(preindent_um)

@@ -1,18 +1,14 @@
-"""Where on the skin a probe makes an afferent fire: area against depth, and maps.
+"""Map where on the skin a probe makes an afferent fire, and the area against depth.
 
-The median afferent of each class lies under the middle of the pad; a flat round probe is
-put on everywhere, by a ramp of 20 ms and a hold of 100 ms, or vibrates. Written are
-  areas.csv      afferent,depth_um,area_mm2,whole
-  fields.csv     afferent,depth_um,x_mm,z_mm,impulses
-  field_RA.png   the maps of a class, and its area against depth
-The field is where the probe gives a tenth of the impulses of the hot spot, one at least;
-`whole` is false where it goes on beyond the part of the pad that may be touched.
+The median afferent of each class lies below the middle of the pad; a flat round probe is pressed
+at each position, by a ramp of 20 ms and a hold of 100 ms, or vibrates. The field is where the
+probe causes a tenth of the impulses of the hot spot, at least one.
 """
 
 import argparse
 from typing import Any
 
-from fembridge.commands import Content, write_files, written
+from fembridge.commands import written
 from fembridge.commands.options import (
     Several,
     Use,
@@ -30,8 +26,8 @@ USES = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb understands."""
-    from fembridge.touching.field import receptive_field
+    """Declare the options of the verb."""
+    from fembridge.touching.receptive_field import receptive_field
 
     parser.add_argument(
         "--afferent",
@@ -47,44 +43,48 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "endings_mm",
         "sa_von_mises",
         "pad",
-        probe_diameter_mm=("D", ""),
+        probe_diameter_mm=("D", "diameter of the probe"),
         depth_um=("UM", "depths, or amplitudes"),
-        times_threshold=("N", "further depths, as multiples of threshold"),
-        criterion=("SHARE", "share of the hot spot's impulses"),
-        frequency_hz=("HZ", "the probe vibrates in place of the press"),
-        step_mm=("MM", ""),
+        times_threshold=("N", "further depths, as multiples of the threshold"),
+        criterion=("SHARE", "share of the impulses at the hot spot that counts as a response"),
+        frequency_hz=("HZ", "vibrate the probe instead of pressing it"),
+        step_mm=("MM", "distance of two positions"),
         parameters=("NAME", "a set's name or a TOML file (default: fitted_pad)"),
     )
     add_output_option(parser, default="field")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Map the fields; the summary holds areas and thresholds."""
+    """Map the fields; the summary has areas and thresholds."""
+    from functools import partial
+
     import pandas
 
-    from fembridge.plots.field import field_figure
-    from fembridge.touching.field import receptive_field
-    from fembridge.touching.pad_file import pad_named
+    from fembridge.plots.style import save_figure
+    from fembridge.touching.pad_file import resolve_pad
+    from fembridge.touching.receptive_field import (
+        AREAS_FILE,
+        MAPS_FILE,
+        RECORD_FILE,
+        receptive_field,
+        write_fields,
+    )
 
-    pad = pad_named(args.pad)
+    pad = resolve_pad(args.pad)
     fields = [
         receptive_field(**{**words_of(args, receptive_field), "afferent": name, "pad": pad})
         for name in args.afferent
     ]
-    areas = pandas.concat([field.areas for field in fields], ignore_index=True)
-    maps = pandas.concat([field.to_frame() for field in fields], ignore_index=True)
-    thresholds = {field.afferent: field.threshold_um for field in fields}
-    files: dict[str, Content] = {
-        **{f"field_{field.afferent}.png": field_figure(field) for field in fields},
-        "fields.csv": maps,
-        "areas.csv": areas,
+    pictures = {
+        f"field_{field.afferent}.png": partial(save_figure, field.plot()) for field in fields
     }
-    write_files(args.output, files)
+    write_fields(args.output, fields, pictures)
+    areas = pandas.concat([field.areas for field in fields], ignore_index=True)
+    thresholds_um = {field.afferent: field.threshold_um for field in fields}
     print(areas.to_string(index=False))
-    words = ", ".join(f"{name} {depth:.3g} um" for name, depth in thresholds.items())
-    print(f"thresholds: {words}")
+    print(f"thresholds: {', '.join(f'{n} {um:.3g} um' for n, um in thresholds_um.items())}")
     return {
-        **written(args.output, list(files)),
-        "threshold_um": thresholds,
+        **written(args.output, [*pictures, MAPS_FILE, AREAS_FILE, RECORD_FILE]),
+        "threshold_um": thresholds_um,
         "areas": areas.to_dict(orient="records"),
     }

@@ -1,61 +1,63 @@
-"""Run CalculiX in run folders, and accept only results that are whole.
+"""Run CalculiX in run folders; only complete results are accepted.
 
-A run is accepted when the solver reports no error, left no part of the deck
-out, converged at the end of the run, and closed its result file; the exit code
-alone proves nothing. What it leaves out of your own deck is named, and the run
-accepted. Accepted results are beside the deck with solver.toml, which says what
-they answer and cost. A run that is not accepted leaves its files and the cause
-in failed/ and touches no earlier result. A folder whose results are whole and
-of the same deck is skipped.
+A run is accepted if the solver reports no error, ignores no part of the deck,
+converges to the end of the run and closes its result file; the exit code alone
+proves nothing. Ignored cards of your own deck are listed, and the run is accepted.
+Accepted results are next to the deck, with their checksums and cost in solver.toml.
+A rejected run leaves its files and the cause in failed/; earlier results stay.
+A folder with complete results of the same deck is skipped.
 """
 
 import argparse
 import os
+from pathlib import Path
 from typing import Any
 
 from fembridge.commands.options import LIMITS, add_from, words_of
-from fembridge.terminal import SolverBars, error_line, log
+from fembridge.host.terminal import SolverBars, error_line, log
 
 EXAMPLE = "fembridge run --jobs 2 runs/*"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb understands."""
-    from fembridge import api
+    """Declare the options of the verb."""
+    from fembridge.solver.settings import Solver
 
     parser.add_argument(
         "folders", nargs="+", metavar="DIR", help="run folder, as build-deck writes it"
     )
     add_from(
         parser,
-        api.run,
+        Solver,
         *LIMITS,
-        stall_limit_s=("S", "give up when no file has grown for so long"),
-        iteration_limit=("N", "give up an increment after so many iterations"),
-        force="run also where whole results are",
+        stall_limit_s=("S", "stop a run whose files have not grown for S seconds"),
+        iteration_limit=("N", "stop a run after N iterations of one increment"),
     )
+    force = "solve also folders with complete results, without the cache"
+    parser.add_argument("--force", action="store_true", help=force)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Run; the summary has a row a folder, `exit_code` is 1 when one failed."""
-    from fembridge import api
+    """Run; the summary has a row for each folder, `exit_code` is 1 if one failed."""
     from fembridge.errors import UsageError
+    from fembridge.solver.ccx import run_folders
+    from fembridge.solver.settings import Solver
 
     for folder in args.folders:
         if not os.path.lexists(folder):
-            raise UsageError(f"{folder}: no such folder; fembridge build-deck makes run folders")
+            problem = "no such folder; fembridge build-deck makes run folders"
+            raise UsageError(problem, Path(folder))
     with SolverBars() as bars:
-        outcomes = api.run(
-            **{**words_of(args, api.run), "cache": args.cache and not args.force},
-            on_progress=bars,
-        )
+        options = {**words_of(args, Solver), "cache": args.cache and not args.force}
+        settings = Solver(**options, on_progress=bars)
+        outcomes = run_folders(map(Path, args.folders), settings, force=args.force)
     for outcome in outcomes:
         if not outcome.accepted:
             log(error_line(" ".join(str(outcome.to_error()).split())))
         else:
             print(outcome)
-        for words in outcome.warnings:
-            log(f"{outcome.folder}: CalculiX warned: {words}")
+        for message in outcome.warnings:
+            log(f"{outcome.folder}: CalculiX warned: {message}")
         if outcome.accepted and not outcome.as_built:
             log(f"{outcome.folder}: the deck was changed since run.toml was written")
     failed = sum(not outcome.accepted for outcome in outcomes)

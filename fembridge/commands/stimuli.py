@@ -6,7 +6,7 @@ skin; a waveform has a sample every 0.5 ms, those of the paper for 250 ms. Two a
 are kept as the appendix prints them though they are probably misprints; the list names
 them. ramp_300_100_200_100 is a ramp-and-hold: depth in um, then up, hold and down in ms.
 
-A waveform of one's own is a .csv with time_ms (or time_s) and displacement_um (or
+A waveform of yours is a .csv with time_ms (or time_s) and displacement_um (or
 displacement_mm), a .wav, an .npy with --dt-ms, or what --export wrote. It starts at 0, or
 where the probe stands before time 0; other steps than 0.5 ms are resampled.
 """
@@ -17,14 +17,14 @@ from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 from fembridge.commands.options import (
-    WAVE,
+    NUMBERS,
+    RepeatedOption,
     Use,
-    Words,
     add_from,
     names_a_file,
     words_of,
 )
-from fembridge.terminal import log
+from fembridge.host.terminal import log
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -50,21 +50,27 @@ USES = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""
-    from fembridge.api import build_deck
+    from fembridge.io.waveform import Waveform
 
     add = parser.add_argument
-    word = "sine_20_250, a set as sine_20, noise or all, a waveform's path; commas join several"
-    add("ids", nargs="*", metavar="ID|FILE", help=word)
-    add("--waveform", action=Words, default=[], metavar="FILE", help="the same as FILE")
+    meaning = "sine_20_250, a set as sine_20, noise or all, a waveform's path; commas join several"
+    add("ids", nargs="*", metavar="ID|FILE", help=meaning)
+    add("--waveform", action=RepeatedOption, default=[], metavar="FILE", help="the same as FILE")
     add(
         "--export",
         choices=("csv", "wav", "npy", "marc-table"),
         help="write the waveform of each ID instead of listing it",
     )
-    place = "file for one stimulus, folder for several (default: current folder)"
-    add("-o", "--output", metavar="PATH", help=place)
+    destination = "file for one stimulus, folder for several (default: current folder)"
+    add("-o", "--output", metavar="PATH", help=destination)
     depth = "depth of the probe before time 0 (default: 0)"
-    add_from(parser, build_deck, "seed", *WAVE, preindent_um=("DEPTH", depth))
+    add_from(parser, Waveform, "seed", "dt_ms", "full_scale_um")
+    add(
+        "--preindent-um",
+        type=NUMBERS["preindent_um"],
+        metavar="DEPTH",
+        help=depth,
+    )
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -79,18 +85,25 @@ def _list(args: argparse.Namespace) -> dict[str, Any]:
     from decks import stimuli
 
     files, entries = stimuli.named(args.ids) if args.ids else ((), stimuli.CATALOGUE)
-    own = _made(args, files) if files else []
-    for one in own:
-        start, end = one.window_ms
+    waveforms = _made(args, files) if files else []
+    for waveform in waveforms:
+        start, end = waveform.window_ms
+        depths_um = waveform.displacement_um
         print(
-            f"{one.id}  {one.displacement_um.size} samples, {one.displacement_um.min():g} to "
-            f"{one.deepest_um:g} um, counted in {start:g}-{end:g} ms  ({one.origin['file']})"
+            f"{waveform.id}  {depths_um.size} samples, {depths_um.min():g} to "
+            f"{waveform.deepest_um:g} um, counted in {start:g}-{end:g} ms  "
+            f"({waveform.origin['file']})"
         )
     if entries:
         print(*(_entry_lines(entries) if args.ids else _catalogue_lines()), sep="\n")
     records: list[dict[str, Any]] = [
-        {"id": one.id, **one.origin, "window_ms": list(one.window_ms), "in_appendix": False}
-        for one in own
+        {
+            "id": waveform.id,
+            **waveform.origin,
+            "window_ms": list(waveform.window_ms),
+            "in_appendix": False,
+        }
+        for waveform in waveforms
     ]
     records += map(_record, entries)
     return {"count": len(records), "stimuli": records, "notes": [stimuli.MISPRINT_NOTE]}
@@ -110,14 +123,14 @@ def _catalogue_lines() -> list[str]:
         lines += ["", entries[0].title.format(len(entries))]
         for name, grouped in groupby(entries, key=set_name):
             levels = list(grouped)
-            words = " ".join(map(_level, levels))
-            lines.append(f"  {name:<13} {len(levels):>2}  {_window(levels[0]):>10}  {words}")
+            level_text = " ".join(map(_level, levels))
+            lines.append(f"  {name:<13} {len(levels):>2}  {_window(levels[0]):>10}  {level_text}")
     lines += [
         "",
         "Sets: all, sine, diharm, noise, any name above (sine_20).",
         "Your own: sine_40_100, diharm_10_50_20_20 (both amplitudes), noise_30_200_7,",
         "ramp_300_100_200_100 (300 um deep in 100 ms, held for 200 ms, back in 100 ms),",
-        "and any waveform in a .csv, .wav or .npy: its path in the place of an id.",
+        "and any waveform in a .csv, .wav or .npy: its path instead of an id.",
         f"Note: {MISPRINT_NOTE}.",
     ]
     return lines
@@ -160,29 +173,28 @@ def _description(entry: "Entry") -> str:
 
     numbers = map(number_text, entry.numbers().values())
     drawn = "" if entry.seed is None else f", seed {entry.seed}"
-    return entry.words.format(*numbers) + drawn
+    return entry.description_format.format(*numbers) + drawn
 
 
-def _made(args: argparse.Namespace, words: "Sequence[str | Path]") -> "list[Stimulus]":
-    from fembridge.stimulus_file import check_depth_is_used, stimuli_of
+def _made(args: argparse.Namespace, sources: "Sequence[str | Path]") -> "list[Stimulus]":
+    from fembridge.io.waveform import Waveform, check_preindentation
 
-    given = {**words_of(args, stimuli_of), "preindent_um": args.preindent_um or 0.0}
-    made = stimuli_of(words, **given, log=log)
-    check_depth_is_used(made, args.preindent_um)
-    return made
+    stimuli = Waveform(sources, **words_of(args, Waveform)).stimuli(args.preindent_um or 0.0)
+    check_preindentation(stimuli, args.preindent_um)
+    return stimuli
 
 
 def _export(args: argparse.Namespace) -> dict[str, Any]:
     from contextlib import ExitStack
 
-    from fembridge.stimulus_file import write_stimulus
-    from fembridge.store import filling
+    from fembridge.host.store import filling
+    from fembridge.io.waveform_file import write_stimulus
 
     made = _made(args, args.ids)
     # All files of one export share their scale: a sound card plays them as loud as they are.
-    peak_um = max(float(abs(one.displacement_um).max()) for one in made)
+    peak_um = max(float(abs(stimulus.displacement_um).max()) for stimulus in made)
     files = []
-    paths = _paths([one.id for one in made], args.export, args.output)
+    paths = _paths([stimulus.id for stimulus in made], args.export, args.output)
     with ExitStack() as stack:
         targets = paths
         if len(paths) > 1:
@@ -216,7 +228,7 @@ def _paths(ids: list[str], format_name: str, output: str | None) -> "list[Path]"
     from pathlib import Path
 
     from fembridge.errors import OutputError
-    from fembridge.stimulus_file import FORMATS
+    from fembridge.io.waveform_file import FORMATS
 
     suffix, _ = FORMATS[format_name]
     folder = Path(output or ".")

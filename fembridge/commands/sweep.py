@@ -1,18 +1,17 @@
-"""Many stimuli on many fingers: solve what is not solved yet, give one table.
+"""Compute many stimuli on many fingers, and write one table.
 
 STUDY.toml lists stimuli, fingers, probes and methods; every combination is a point
-(docs/sweeps.md). Each solve has a folder named by the digest of all that goes into
-it, so nothing is solved twice: a sweep that was killed resumes, and a
-study that grew solves what is new. An item that fails is listed with its cause and
-does not stop the others; the exit code is then 1.
+(docs/sweeps.md). Each response is solved once, in a folder named by the digest of its
+inputs: a stopped sweep resumes, and an extended study solves only the new points. A failed
+item is listed with its cause and does not stop the others; the exit code is then 1.
 """
 
 import argparse
 from typing import Any
 
 from fembridge.commands.options import Use, add_from, add_output_option, words_of
-from fembridge.solver.settings import SolverSettings
-from fembridge.terminal import error_line, log
+from fembridge.host.terminal import error_line, log
+from fembridge.solver.settings import Solver
 
 EXAMPLE = "fembridge sweep study.toml -o sweep --jobs 4"
 
@@ -23,13 +22,13 @@ USES = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb understands."""
-    parser.add_argument("study", metavar="STUDY.toml", help="what is to be swept")
+    """Declare the options of the verb."""
+    parser.add_argument("study", metavar="STUDY.toml", help="stimuli, fingers, probes and methods")
     add_output_option(parser, default="sweep")
     threads = "threads of each solver (default: OMP_NUM_THREADS, or the cores are shared; 1 with "
     threads += "--scheduler)"
     jobs = "processes on this machine"
-    add_from(parser, SolverSettings, jobs=("N", jobs), threads=("N", threads))
+    add_from(parser, Solver, jobs=("N", jobs), threads=("N", threads))
     parser.add_argument(
         "--executor",
         choices=("local", "dask"),
@@ -45,29 +44,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Sweep; the summary counts, and lists what failed."""
-    from fembridge.sweeps.sweep import sweep
+    from fembridge.sweeps.sweep import RESULTS_FILE, sweep
 
-    done = sweep(**words_of(args, sweep), shows=True)
-    failed, items = done.failed, len(done.plan.items)
+    result = sweep(**words_of(args, sweep), show_progress=True)
+    failed, items = result.failed, result.items
     if failed:
         first = failed[0]
-        cause = f"{len(failed)} of {items} items failed, first {first}: {done.causes[first.key]}"
+        cause = f"{len(failed)} of {items} items failed, first {first.item}: {first.cause}"
         log(error_line(cause))
-    before = f", {done.before} of them before" if done.before else ""
+    earlier = result.finished_before
+    before = f", {earlier} of them earlier" if earlier else ""
     print(
         f"{items - len(failed)} of {items} items done{before}; "
-        f"{done.results.name} ({done.rows} rows): {args.output}"
+        f"{RESULTS_FILE} ({len(result.results)} rows): {args.output}"
     )
     return {
         "output": args.output,
-        "results": args.output / done.results.name,
-        "rows": done.rows,
+        "results": args.output / RESULTS_FILE,
+        "rows": len(result.results),
         "items": items,
         "done": items - len(failed),
-        "finished_before": done.before,
+        "finished_before": earlier,
         "failed": [
-            {"item": str(item), "run": item.place, "cause": done.causes[item.key]}
-            for item in failed
+            {"item": failure.item, "run": failure.run, "cause": failure.cause} for failure in failed
         ],
         "exit_code": 1 if failed else 0,
     }

@@ -1,14 +1,14 @@
-"""How faint a vibration each afferent answers, against frequency.
+"""Threshold amplitudes of each afferent class against vibration frequency.
 
-For every frequency: the amplitude (zero-to-peak) of the first impulse, and that of one
-impulse a cycle, of the median cell of a class, by a stored response in seconds.
-Written are thresholds.csv and a picture, with published thresholds in it.
+For each frequency: the smallest zero-to-peak amplitude with an impulse, and that of one
+impulse per cycle, of the median cell of a class. Uses a stored response and takes
+seconds. Files: thresholds.csv, thresholds.toml, and a picture with observed thresholds.
 """
 
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands import Content, write_files, written
+from fembridge.commands import written
 from fembridge.commands.options import (
     STORED_FINGER,
     Several,
@@ -20,14 +20,12 @@ from fembridge.commands.options import (
 if TYPE_CHECKING:
     import pandas
 
-EXAMPLE = "fembridge threshold --afferent PC --hz 5:800 -o threshold"
-
-TABLE_FILE, PICTURE_FILE = "thresholds.csv", "thresholds.png"
+EXAMPLE = "fembridge threshold --afferent PC --frequencies-hz 5:800 -o threshold"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb understands."""
-    from fembridge import api
+    """Declare the options of the verb."""
+    from fembridge.fitting.thresholds import threshold
 
     add = parser.add_argument
     add(
@@ -38,21 +36,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="default: all",
     )
     add(
-        "--hz",
+        "--frequencies-hz",
         action=Several,
         default=["2:800"],
         metavar="LOW:HIGH|F,F,...",
         help="third octaves of a range, or frequencies, from 2 to 800 (default: 2:800)",
     )
-    depth = "depth of the probe before time 0 (default: that of the parameters' fit)"
-    add_from(parser, api.thresholds, "parameters", preindent_um=("DEPTH", depth))
+    depth = "depth of the probe before time 0 (default: as in the fit of the parameters)"
+    add_from(parser, threshold, "parameters", preindent_um=("DEPTH", depth))
     stress = parser.add_mutually_exclusive_group()
-    add_from(stress, api.thresholds, "response", finger=STORED_FINGER)
+    add_from(stress, threshold, "response", finger=STORED_FINGER)
     add(
         "--thresholds",
         metavar="NAME|FILE.csv",
         default="thresholds_freeman_johnson_1982",
-        help="observed ones to show beside them: a table "
+        help="observed thresholds for the picture: a table "
         "afferent,criterion,frequency_hz,amplitude_um (default: %(default)s)",
     )
     add_output_option(parser, default="threshold")
@@ -60,33 +58,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Compute, print and write; the summary holds the table."""
-    from fembridge import api
-    from fembridge.evidence import THRESHOLDS, read_evidence
-    from fembridge.plots.rates import thresholds_figure
-    from fembridge.tables import write_table
+    from fembridge.fitting.thresholds import PICTURE_FILE, RECORD_FILE, TABLE_FILE, threshold
 
-    observed = read_evidence(args.thresholds, THRESHOLDS).table
-    args.hz = ",".join(args.hz)
-    found = api.thresholds(args.afferent, **words_of(args, api.thresholds))
-    rows = found.to_numpy().tolist()
-    files: dict[str, Content] = {
-        PICTURE_FILE: thresholds_figure(found, observed),
-        TABLE_FILE: lambda path: write_table(path, list(found.columns), rows),
-    }
-    write_files(args.output, files)
-    _print(found)
+    args.frequencies_hz = ",".join(args.frequencies_hz)
+    result = threshold(args.afferent, **words_of(args, threshold))
+    _print_table(result.table)
     return {
-        **written(args.output, list(files)),
+        **written(args.output, [PICTURE_FILE, RECORD_FILE, TABLE_FILE]),
         "parameters": args.parameters,
-        "thresholds": found.to_dict("records"),
+        "thresholds": result.table.to_dict("records"),
     }
 
 
-def _print(found: "pandas.DataFrame") -> None:
-    words = {"absolute": "first", "one_impulse_a_cycle": "1/cycle"}
-    found = found.assign(
-        Hz=found["frequency_hz"], of=found["afferent"] + " " + found["criterion"].map(words)
-    )
-    table = found.pivot_table("amplitude_um", "Hz", "of", sort=False, dropna=False)
+def _print_table(table: "pandas.DataFrame") -> None:
+    labels = {"absolute": "first", "one_impulse_a_cycle": "1/cycle"}
+    columns = table["afferent"] + " " + table["criterion"].map(labels)
+    labelled = table.assign(Hz=table["frequency_hz"], column=columns)
+    wide = labelled.pivot_table("amplitude_um", "Hz", "column", sort=False, dropna=False)
     print("amplitudes in um, zero-to-peak")
-    print(table.reset_index().to_string(index=False, na_rep="-", float_format="{:.3g}".format))
+    print(wide.reset_index().to_string(index=False, na_rep="-", float_format="{:.3g}".format))

@@ -1,8 +1,8 @@
-"""Make the paper's figures and tables again, as one page to read and to check.
+"""Compare a model with the paper's figures and tables, on one page.
 
-The page is DIR/index.html and needs nothing beside it; its numbers lie there as CSV,
-its figures as SVG. Works on the stored response, so without a solver. With observed
-rates the page says how good the model is; without, only how similar to TouchSim it is.
+The page is DIR/index.html; its numbers are beside it as CSV, its figures as SVG. It uses
+the stored response, so no solver is required. With observed rates the page shows how good
+the model is; without, only how similar to TouchSim it is.
 """
 
 import argparse
@@ -10,10 +10,11 @@ import shlex
 from typing import TYPE_CHECKING, Any
 
 from fembridge.commands.options import add_from, add_output_option, words_of
-from fembridge.terminal import Notes, print_table
+from fembridge.host.terminal import print_table
 
 if TYPE_CHECKING:
-    from fembridge.report.validate import Validation
+    from fembridge.reporting.validation import Validation
+    from fembridge.reporting.validation_data import ValidationData
 
 EXAMPLE = "fembridge validate -o report"
 
@@ -24,106 +25,109 @@ _DEFAULTS = {"finger": "quick", "parameters": "fitted"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what the verb understands."""
-    from fembridge import api
+    """Declare the options of the verb."""
+    from fembridge.reporting.validation import validate
 
     add_output_option(parser, default=_FOLDER)
     parser.add_argument(
         "--observed",
         metavar="RATES.csv",
-        help="rates to judge by: a table stimulus,afferent,rate_ips with any of the 82 "
-        "stimuli and of SA, RA, PC",
+        help="observed rates: a table stimulus,afferent,rate_ips with any of the 82 stimuli and "
+        "of SA, RA, PC",
     )
     skin = parser.add_mutually_exclusive_group()
     skin.add_argument(
         "--finger",
         default=_DEFAULTS["finger"],
         metavar="quick|paper|FILE.toml",
-        help="3 100 or 17 702 elements, or a finger of your own, which is solved "
-        "(default: %(default)s)",
+        help="3 100 or 17 702 elements, or a file, whose response is solved (default: %(default)s)",
     )
-    add_from(skin, api.validate, "response")
+    add_from(skin, validate, "response")
     parser.add_argument(
         "--parameters",
         default=_DEFAULTS["parameters"],
         metavar="NAME|FILE.toml",
-        help="the model to compare: published, fitted or a file; the published one is "
-        "shown beside it (default: %(default)s)",
+        help="model to judge: published, fitted or a file; the page also shows the published "
+        "model (default: %(default)s)",
     )
     parser.add_argument(
         "--thresholds",
         metavar="FILE.csv",
-        help="thresholds to show in the place of the published ones: a table "
+        help="thresholds instead of the published ones: a table "
         "afferent,criterion,frequency_hz,amplitude_um",
     )
     parser.add_argument(
         "--spikes",
         metavar="FILE.csv",
-        help="recorded spikes under sinusoids, for timing, in the place of the published: a "
-        "table stimulus,afferent,repeat,spike_time_ms",
+        help="recorded spikes under sinusoids, for timing, instead of the published: a "
+        "table stimulus,afferent,trial,spike_time_ms",
     )
     for name, columns in (
         ("impulses", "afferent,frequency_hz,amplitude_um,impulses_per_cycle"),
         ("distance", "distance_mm,amplitude_um"),
     ):
-        words = f"the same of {name}: a table {columns}; lines with # are its source"
-        parser.add_argument(f"--{name}", metavar="FILE.csv", help=words)
+        description = f"{name} instead of the published: a table {columns}; # lines: its source"
+        parser.add_argument(f"--{name}", metavar="FILE.csv", help=description)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Compute and write; the summary holds the agreement of all families."""
-    from fembridge import api
-    from fembridge.report.validation_page import PAGE, write_report
-    from fembridge.store import check_output
+    from fembridge.host.store import check_output
+    from fembridge.reporting.validation import EVIDENCE_SETS, validate
+    from fembridge.reporting.validation_page import PAGE
 
-    notes = Notes()
     check_output(args.output, PAGE)
-    study = api.validate(**{**words_of(args, api.validate), "output": None}, log=notes)
-    files = write_report(args.output, study, command_line(args))
-    rows = _rows(study)
-    _print_rows(study, rows)
+    tables = {name: getattr(args, name) for name in (*EVIDENCE_SETS, "spikes")}
+    evidence = {name: path for name, path in tables.items() if path is not None}
+    result = validate(**{**words_of(args, validate), "output": None}, evidence=evidence)
+    files = result.write(args.output, command_line(args))
+    assert result.data is not None
+    rows = _rows(result.data)
+    _print_rows(result, rows)
     print(f"{args.output / PAGE}, and {len(files) - 1} files beside it")
     return {
         "output": args.output,
         "page": args.output / PAGE,
-        "finger": study.finger,
-        "judged": study.judged.name,
-        "models": [model.name for model in study.models],
-        "reference": study.rates.reference(),
-        "notes": notes,
+        "finger": result.finger,
+        "judged": result.judged,
+        "models": [model.name for model in result.data.models],
+        "reference": result.reference,
         "agreement": rows,
         "files": list(files),
     }
 
 
 def command_line(args: argparse.Namespace) -> str:
-    """Line that does the same again; of an absolute path the name."""
+    """Command line that makes the page again; absolute paths without folders."""
     from pathlib import Path
 
-    words = ["fembridge", "validate", "-o", str(args.output)]
+    parts = ["fembridge", "validate", "-o", str(args.output)]
     for name in (*_FILES, *_DEFAULTS):
-        if (word := getattr(args, name)) != _DEFAULTS.get(name):
-            words += [f"--{name}", Path(word).name if Path(word).is_absolute() else word]
-    return shlex.join(words)
+        if (value := getattr(args, name)) != _DEFAULTS.get(name):
+            parts += [f"--{name}", Path(value).name if Path(value).is_absolute() else value]
+    return shlex.join(parts)
 
 
-def _rows(study: "Validation") -> list[dict[str, Any]]:
+def _rows(data: "ValidationData") -> list[dict[str, Any]]:
     """Agreement of every source over whole families."""
-    from fembridge.report.rates import EVERY_SET, NUMBERS
+    from fembridge.reporting.rate_tables import AGREEMENT_COLUMNS, ALL_SETS
 
     names = ("reference", "source", "family", "afferent", "meets_paper")
-    whole = study.agreement[study.agreement["set"] == EVERY_SET].to_dict("records")
+    families = data.agreement[data.agreement["set"] == ALL_SETS].to_dict("records")
     return [
-        {str(name): row[name] for name in (*names, *(NUMBERS if row["count"] else NUMBERS[:1]))}
-        for row in whole
+        {
+            str(name): row[name]
+            for name in (*names, *(AGREEMENT_COLUMNS if row["count"] else AGREEMENT_COLUMNS[:1]))
+        }
+        for row in families
     ]
 
 
-def _print_rows(study: "Validation", rows: list[dict[str, Any]]) -> None:
-    """Print a row a family, a column a class: R² and RMSE of the judged model."""
-    against = "observed rates" if study.observed is not None else "TouchSim, a model"
-    print(f"{study.judged.name} against {against}: R² (RMSE in impulses/s)")
-    judged = (study.rates.reference(), study.judged.name)
+def _print_rows(result: "Validation", rows: list[dict[str, Any]]) -> None:
+    """Print a row per family and a column per class: R² and RMSE of the judged model."""
+    against = "TouchSim, a model" if result.reference == "TouchSim" else "observed rates"
+    print(f"{result.judged} against {against}: R² (RMSE in impulses/s)")
+    judged = (result.reference, result.judged)
     lines: dict[str, list[str]] = {}
     for row in rows:
         if (row["reference"], row["source"]) == judged:

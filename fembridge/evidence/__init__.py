@@ -14,7 +14,6 @@ another table with the same columns as a set. The sets are
 comparison; its ``README.md`` describes how they were computed.
 """
 
-import warnings
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -23,8 +22,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from decks.stimuli import resolve
-from fembridge.errors import FembridgeWarning, UsageError
-from fembridge.tables import AFFERENTS, RATE_COLUMNS, Rate, read_table
+from fembridge.errors import UsageError, warn
+from fembridge.io.spike_table import RATE_COLUMNS, Rate
+from fembridge.io.text_table import read_table
+from fembridge.trace import AFFERENTS
 
 if TYPE_CHECKING:
     import pandas
@@ -33,8 +34,10 @@ FOLDER = Path(__file__).parent
 SETS = tuple(sorted(path.stem for path in FOLDER.glob("*.csv")))
 THRESHOLDS = "thresholds_freeman_johnson_1982"
 TIMING, PHASES = "timing_20hz", "timing_20hz_phase"
-MAN, DISTANCE, RAMP = "impulses_a_cycle_johansson_1982", "distance_johnson_1974", "ramp_and_hold"
+HUMAN, DISTANCE, RAMP = "impulses_a_cycle_johansson_1982", "distance_johnson_1974", "ramp_and_hold"
 CRITERIA = ("absolute", "one_impulse_a_cycle")
+LOWEST_HZ, HIGHEST_HZ = 2.0, 800.0
+"""Range of the recorded frequencies of any class."""
 TIMING_COLUMNS = (
     "afferent",
     "frequency_hz",
@@ -59,8 +62,8 @@ class Facts:
     source: str
 
 
-def read_evidence(source: Path | str, like: str) -> Facts:
-    """Set of the name `source`, or a file with the same columns as the set `like`.
+def read_evidence(source: "Path | str | pandas.DataFrame", like: str) -> Facts:
+    """Set of the name `source`, or a file or DataFrame with the columns of the set `like`.
 
     Raises
     ------
@@ -69,13 +72,17 @@ def read_evidence(source: Path | str, like: str) -> Facts:
     """
     import pandas
 
-    path = FOLDER / f"{source}.csv" if source in SETS else Path(source)
+    if isinstance(source, pandas.DataFrame):
+        path, contents = Path("DataFrame"), source
+    else:
+        path = FOLDER / f"{source}.csv" if source in SETS else Path(source)
+        contents = None
     names = list(published(like).table.columns)
 
     def unused(line: str) -> None:
-        warnings.warn(f"{path}: {line}", FembridgeWarning, stacklevel=4)
+        warn(line, path)
 
-    table = read_table(path, names, (), unused=unused)
+    table = read_table(path if contents is None else contents, names, (), unused=unused)
     columns = {
         name: table.choices(name, _CHOICES[name])
         if name in _CHOICES
@@ -83,10 +90,11 @@ def read_evidence(source: Path | str, like: str) -> Facts:
         for name in names
     }
     facts = pandas.DataFrame(columns)
-    if (doubled := facts.duplicated().to_numpy()).any():
-        line = table.lines[int(doubled.argmax())]
-        warnings.warn(f"{path}:{line}: the same as an earlier row", FembridgeWarning, stacklevel=2)
-    return Facts(facts, _citation(path) or f"Source: {path.name}.")
+    if (duplicates := facts.duplicated().to_numpy()).any():
+        line = table.lines[int(duplicates.argmax())]
+        warn("the same as an earlier row", path, line)
+    citation = _citation(path) if contents is None else ""
+    return Facts(facts, citation or f"Source: {path.name}.")
 
 
 @cache
@@ -101,7 +109,7 @@ def published(name: str) -> Facts:
     import pandas
 
     if name not in SETS:
-        raise UsageError(f"no evidence {name!r}, expected one of {', '.join(SETS)}")
+        raise UsageError(argument="name", found=name, expected=f"one of {', '.join(SETS)}")
     path = FOLDER / f"{name}.csv"
     return Facts(pandas.read_csv(path, comment="#", encoding="utf-8"), _citation(path))
 
@@ -136,7 +144,7 @@ def touchsim_rates(preindent_um: float = 0.0, *, whole_second: bool = False) -> 
 
     table = pandas.read_csv(TOUCHSIM_TABLE)
     if preindent_um not in set(table.preindent_um):
-        raise UsageError(f"preindent_um is {preindent_um:g}, expected 0 or 500")
+        raise UsageError(argument="preindent_um", found=preindent_um, expected="0 or 500")
     observed_ms = {name: np.ptp(resolve(name)[0].window_ms) for name in table.stimulus.unique()}
     window_ms = 1000.0 if whole_second else table.stimulus.map(observed_ms)
     table = table[(table.preindent_um == preindent_um) & (table.window_ms == window_ms)]

@@ -4,9 +4,11 @@ A group of stimuli is one objective: sinusoids of one frequency, diharmonics of 
 pair of components, or noises of one band.
 """
 
+import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,17 +17,24 @@ import numpy as np
 from decks.presets import read_finger
 from decks.probe import Probe
 from decks.stimuli import DT_MS, Diharmonic, Entry, Noise, Ramp, Sine, number_text, resolve
-from decks.waveform import make_stimulus
-from fembridge.errors import ParameterError, ResponseError, UsageError
+from decks.synthesis import make_stimulus
+from fembridge.errors import ParameterError, UsageError
 from fembridge.evidence import CRITERIA
-from fembridge.observed import FAMILIES, ObservedRates
-from fembridge.response.indentation import RESPONSE_FOLDER
-from fembridge.response.response_map import FOLDER, MAP_FILE, ResponseMap, read_map, stored_response
+from fembridge.fitting.thresholds import vibration
+from fembridge.host.store import sha256_of
+from fembridge.io.observed_rates import FAMILIES, ObservedRates
+from fembridge.io.spike_table import SpikeTrain
+from fembridge.response.response_map import (
+    FOLDER,
+    ResponseLike,
+    ResponseMap,
+    load_response,
+    map_file,
+    read_map,
+    stored_response,
+)
 from fembridge.stimulus import Stimulus
-from fembridge.store import sha256_of
-from fembridge.tables import SpikeTrain
-from fembridge.trace import finger_id
-from fembridge.tuning import vibration
+from fembridge.trace import model_id
 from fembridge.typing import Table
 from neural.fit_problem import (
     DISTANCES,
@@ -35,15 +44,19 @@ from neural.fit_problem import (
     ThresholdTarget,
     TimingTarget,
 )
-from neural.models import DEFAULT_MODELS, MODELS, Model, model_named
+from neural.models import DEFAULT_MODELS, MODELS, AfferentModel, model_named
 
 if TYPE_CHECKING:
     import pandas
 
+    from decks.finger import Finger
+
+_LOGGER = logging.getLogger(__name__)
+
 # Time constant of spike distances: the assumed temporal precision of a spike.
 SPIKE_TAU_MS = 5.0
 
-EVERY = "all"
+ALL = "all"
 """All classes, all families, all groups."""
 
 
@@ -65,7 +78,7 @@ def observed_entries(
     observed: ObservedRates, afferent: str, families: Sequence[str] = FAMILIES
 ) -> tuple[Entry, ...]:
     """Stimuli of `families` with an observed rate of `afferent`."""
-    stimuli, _ = observed.of(afferent)
+    stimuli, _ = observed.rates_of(afferent)
     entries = (resolve(stimulus)[0] for stimulus in stimuli)
     return tuple(entry for entry in entries if entry.family in families)
 
@@ -74,8 +87,9 @@ def checked_model(name: str) -> str:
     """`name`, after a check that it is an afferent model; raises UsageError otherwise."""
     if name not in MODELS:
         raise UsageError(
-            f"model {name!r}, expected one of {', '.join(MODELS)}; "
-            "`fembridge fit --drive list` describes each"
+            argument="drive",
+            found=name,
+            expected=f"one of {', '.join(MODELS)}; `fembridge fit --drive list` describes them",
         )
     return name
 
@@ -85,14 +99,13 @@ def models_to_fit(
     afferents: Sequence[str] | None,
     drive: str | None,
     families: Sequence[str],
-    log: Callable[[str], None],
-) -> dict[str, Model]:
+) -> dict[str, AfferentModel]:
     """Model of each class of `afferents`; for all classes, those with rates and the model."""
     drive_models = MODELS[checked_model(drive)] if drive else DEFAULT_MODELS
-    is_all = afferents is None or EVERY in afferents
+    is_all = afferents is None or ALL in afferents
     classes = list(dict.fromkeys(observed.afferents if is_all else afferents or ()))
     for name in classes:
-        observed.of(name)  # raises where the class was not observed
+        observed.rates_of(name)  # raises where the class was not observed
     if is_all:
         with_rates = [name for name in classes if observed_entries(observed, name, families)]
         for selected, reason in (
@@ -100,18 +113,18 @@ def models_to_fit(
             (drive_models, f"model {drive!r} exists for {', '.join(drive_models)}"),
         ):
             if selected and (left_out := [name for name in classes if name not in selected]):
-                log(f"{', '.join(left_out)} left out: {reason}")
+                _LOGGER.info(f"{', '.join(left_out)} left out: {reason}")
                 classes = [name for name in classes if name in selected]
     try:
         return {name: model_named(drive or DEFAULT_MODELS[name], name) for name in classes}
     except ParameterError as error:
-        raise UsageError(str(error)) from error
+        raise UsageError.from_error(error) from error
 
 
 def fit_problem(
     observed: ObservedRates,
     response: ResponseMap,
-    model: Model,
+    model: AfferentModel,
     *,
     families: Sequence[str] = FAMILIES[:1],
     preindent_um: float = 0.0,
@@ -150,11 +163,11 @@ def fit_problem(
         families_with_rates = {entry.family for entry in observed_entries(observed, model.afferent)}
         raise UsageError(
             f"no observed rates of {model.afferent} of family "
-            f"{' or '.join(families)}, only of {', '.join(sorted(families_with_rates))}: "
-            f"{observed.path}"
+            f"{' or '.join(families)}, only of {', '.join(sorted(families_with_rates))}",
+            observed.path,
         )
     stimuli = [make_stimulus(entry, preindent_um=preindent_um) for entry in entries]
-    names, rate_ips = observed.of(model.afferent)
+    names, rate_ips = observed.rates_of(model.afferent)
     rate_by_stimulus = dict(zip(names, rate_ips.tolist(), strict=True))
     return FitProblem(
         model=model,
@@ -178,7 +191,7 @@ _CYCLES = 3.0
 def threshold_target(
     observed: "pandas.DataFrame",
     response: ResponseMap,
-    model: Model,
+    model: AfferentModel,
     preindent_um: float = 0.0,
 ) -> ThresholdTarget | None:
     """Objective of the thresholds of a class; None where `response` reaches none."""
@@ -214,7 +227,7 @@ def threshold_target(
 def phase_target(
     observed: "pandas.DataFrame",
     response: ResponseMap,
-    model: Model,
+    model: AfferentModel,
     preindent_um: float = 0.0,
 ) -> PhaseTarget | None:
     """Objective of the vector strengths of a class; None where none was observed.
@@ -240,7 +253,7 @@ def phase_target(
 def timing_target(
     trains: Sequence[SpikeTrain],
     response: ResponseMap,
-    model: Model,
+    model: AfferentModel,
     preindent_um: float = 0.0,
     distance: str = DISTANCES[0],
 ) -> TimingTarget | None:
@@ -266,21 +279,20 @@ def timing_target(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResponseSource:
-    """Response map and its file; `stored` where it is shipped with fembridge."""
+    """Response map and its file, if any; `stored` where it is shipped with fembridge."""
 
     response: ResponseMap
-    path: Path
-    stored: bool
+    path: Path | None = None
+    stored: bool = False
 
     def to_table(self) -> Table:
         """Description of the response map for TOML, without paths."""
         origin, closure_percent = self.response.origin, self.response.closure_percent
-        finger = origin.get("finger")
-        identity = finger_id(finger) if isinstance(finger, dict) else {}
+        identity = model_id(origin)
         table = {
             "source": "stored response" if self.stored else "solved response",
-            "file": self.path.name,
-            "sha256": sha256_of(self.path),
+            "file": None if self.path is None else self.path.name,
+            "sha256": None if self.path is None else sha256_of(self.path),
             "finger": identity.get("name"),
             "finger_sha256": identity.get("sha256"),
             **{key: origin.get(key) for key in ("solver", "element", "deck_sha256")},
@@ -289,19 +301,35 @@ class ResponseSource:
         return {key: value for key, value in table.items() if value is not None}
 
 
-def stored_source(finger: str, depth_um: float = 0.0) -> ResponseSource:
+def response_source(
+    finger: "str | Finger | None" = None, response: "ResponseLike | None" = None
+) -> ResponseSource:
+    """Response of a `response` map or file, or the stored one of `finger` (default: ``quick``).
+
+    Raises
+    ------
+    UsageError
+        Both arguments.
+    ResponseError
+        No response is stored for this finger, or a file that is not a response.
+    """
+    if response is None:
+        return stored_source(finger or "quick")
+    if finger is not None:
+        raise UsageError("cannot be combined with a response", argument="finger")
+    if isinstance(response, str | PathLike):
+        return solved_source(Path(response))
+    return ResponseSource(load_response(response))
+
+
+def stored_source(finger: "str | Finger", depth_um: float = 0.0) -> ResponseSource:
     """Stored response of a reference finger, ``quick`` or ``paper``, down to `depth_um`."""
-    response = stored_response(read_finger(finger), Probe(), "CPE4", depth_um=depth_um)
-    return ResponseSource(response, FOLDER / f"{finger}.toml", stored=True)
+    loaded_finger = read_finger(finger) if isinstance(finger, str) else finger
+    response = stored_response(loaded_finger, Probe(), "CPE4", depth_um=depth_um)
+    return ResponseSource(response, FOLDER / f"{loaded_finger.name}.toml", stored=True)
 
 
 def solved_source(path: Path) -> ResponseSource:
-    """Solved response from its file, its folder, or the output folder of ``simulate``."""
-    candidates = (path / MAP_FILE, path / RESPONSE_FOLDER / MAP_FILE)
-    map_path = next(filter(Path.is_file, candidates), path)
-    if map_path.is_dir():
-        raise ResponseError(
-            f"{path}: no {MAP_FILE} here nor in {RESPONSE_FOLDER}/, expected the "
-            "output folder of `fembridge simulate`"
-        )
-    return ResponseSource(read_map(map_path), map_path, stored=False)
+    """Solved response from its file, or the output folder of ``map`` or ``simulate``."""
+    path = map_file(path)
+    return ResponseSource(read_map(path), path, stored=False)

@@ -20,15 +20,18 @@ from fembridge.plots.style import (
 )
 from fembridge.response.deflection import PAPER_STEP_MM, Deflection
 from fembridge.response.response_map import ResponseMap
-from fembridge.results.stress import von_mises_pa
+from fembridge.results.von_mises import von_mises_pa
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from fembridge.plots.style import Panels
 
 _HEIGHT_IN = 2.15
 _POINTS = 301
 _PA_PER_KPA, _MN_PER_N, _UM_PER_MM = 1000.0, 1000.0, 1000.0
 _DOT_PT = 2.6
+_MAX_DOTTED = 12
 # Smaller closures are shown as this value: they are rounding.
 _MIN_PERCENT = 0.01
 # Height of a name as a share of its panel's height.
@@ -54,43 +57,61 @@ _MARGIN_SHARE = 1.08
 
 
 @in_style
-def response_figure(response: ResponseMap) -> "Figure":
+def response_figure(response: ResponseMap, axes: "Panels | None" = None) -> "Figure":
     """Stress at each afferent and force on the probe against its depth.
 
     Dots are solved depths, lines are interpolated. The result of the load–unload check is
-    written below.
+    written below. With `axes`, for SA and RA, for PC and for the force, as far as the map has
+    them, the panels are drawn into them, without that text. The name of a class is at the unit
+    with the largest stress; of more than `_MAX_DOTTED` units there are no dots. A map of a load
+    is drawn against the load.
     """
-    columns = {site.afferent: column for column, site in enumerate(response.places)}
+    solved_kpa = von_mises_pa(response.tensor_pa) / _PA_PER_KPA
+    columns: dict[str, list[int]] = {}
+    for column in np.argsort(-solved_kpa.max(axis=0), kind="stable").tolist():
+        columns.setdefault(response.places[column].afferent, []).append(column)
+    columns = {name: columns[name] for name in sorted(columns, key=response.class_names().index)}
     groups = [
         [name for name in columns if (name in _DEEP_CLASSES) == deep] for deep in (False, True)
     ]
     groups = list(filter(None, groups))
-    figure, [panels] = new_figure(_HEIGHT_IN, columns=len(groups) + 1)
-    depth_um = np.linspace(0.0, response.deepest_um, _POINTS)
-    solved_kpa = von_mises_pa(response.tensor_pa) / _PA_PER_KPA
+    has_force = response.force_n_per_mm.size > 0
+    figure, [panels] = new_figure(_HEIGHT_IN, columns=len(groups) + has_force, axes=axes)
+    depth_um = np.linspace(response.depth_um[0], response.deepest_um, _POINTS)
     curve_kpa = von_mises_pa(response.tensors(depth_um)) / _PA_PER_KPA
+    load = response.load
+    per_um = 1.0 if load is None else load.per_um
+    label = "Depth of the probe (µm)"
+    if load is not None:
+        label = f"{load.quantity.capitalize()} ({load.unit})"
     for panel, group in zip(panels, groups, strict=False):
-        by_stress = sorted(group, key=lambda name: -solved_kpa[-1, columns[name]])
+        by_stress = sorted(group, key=lambda name: -solved_kpa[-1, columns[name][0]])
+        has_dots = sum(len(columns[name]) for name in group) <= _MAX_DOTTED
         for name in group:
-            colour, column = class_style(name)["color"], columns[name]
-            panel.plot(depth_um, curve_kpa[:, column], color=colour)
-            style = dots(colour, _DOT_PT, clip_on=False)
-            panel.plot(response.depth_um, solved_kpa[:, column], **style)
+            colour = class_style(name)["color"]
+            panel.plot(per_um * depth_um, curve_kpa[:, columns[name]], color=colour)
+            if has_dots:
+                style = dots(colour, _DOT_PT, clip_on=False)
+                solved = solved_kpa[:, columns[name]]
+                panel.plot(per_um * response.depth_um, solved, **style)
         panel.set_ylabel("Von Mises stress (kPa)")
         panel.set_ylim(bottom=0.0)
         bottom, top = panel.get_ylim()
-        end_kpa = [solved_kpa[-1, columns[name]] for name in by_stress]
+        end_kpa = [solved_kpa[-1, columns[name][0]] for name in by_stress]
         heights = spread_heights(end_kpa, _NAME_SHARE * (top - bottom), bottom, top)
         frame = ("axes fraction", "data")
         for name, height in zip(by_stress, heights, strict=True):
             note(panel, name, (1.0, height), (5, 0), frame=frame, va="center", **class_style(name))
-    style = {"marker": "o", "markersize": _DOT_PT, "clip_on": False}
-    panels[-1].plot(response.depth_um, response.force_n_per_mm * _MN_PER_N, **style)
-    panels[-1].set_ylabel("Force on the probe (mN/mm)")
-    panels[-1].set_ylim(bottom=0.0)
+    if has_force:
+        style = {"marker": "o", "markersize": _DOT_PT, "clip_on": False}
+        panels[-1].plot(response.depth_um, response.force_n_per_mm * _MN_PER_N, **style)
+        panels[-1].set_ylabel("Force on the probe (mN/mm)")
+        panels[-1].set_ylim(bottom=0.0)
+    ends = (per_um * float(response.depth_um[0]), per_um * response.deepest_um)
     for panel in panels:
-        panel.set(xlim=(0.0, response.deepest_um), xlabel="Depth of the probe (µm)")
-    figure.supxlabel(closure_text(response))
+        panel.set(xlim=ends, xlabel=label)
+    if axes is None:
+        figure.supxlabel(closure_text(response))
     return figure
 
 
@@ -104,11 +125,12 @@ def closure_text(response: ResponseMap) -> str:
 
 
 @in_style
-def deflection_figure(deflections: Sequence[Deflection]) -> "Figure":
+def deflection_figure(deflections: Sequence[Deflection], axes: "Panels | None" = None) -> "Figure":
     """Profile of the skin on each mesh, with dots every 0.5 mm as in the paper.
 
     In the middle the difference of each mesh from the finest, if there are two or more; on the
-    right the force on the probe during loading.
+    right the force on the probe during loading. `axes` are drawn into instead of a new figure:
+    three, of one mesh two.
     """
     meshes = sorted(deflections, key=lambda deflection: deflection.elements)
     finest = meshes[-1]
@@ -117,9 +139,10 @@ def deflection_figure(deflections: Sequence[Deflection]) -> "Figure":
     paper_mm = np.arange(0.0, last_mm + 1e-9, PAPER_STEP_MM)
     widths = (1.5, 1.0, 1.0) if len(meshes) > 1 else (1.5, 1.0)
     figure, [[profile, *differences, force]] = new_figure(
-        _PROFILE_IN, columns=len(widths), widths=widths
+        _PROFILE_IN, columns=len(widths), widths=widths, axes=axes
     )
-    figure.set_layout_engine("constrained", wspace=0.06)
+    if axes is None:
+        figure.set_layout_engine("constrained", wspace=0.06)
 
     profile.axhline(0.0, color=FAINT, linewidth=HAIR_PT)
     for mesh, style in zip(meshes, styles, strict=True):

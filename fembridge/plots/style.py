@@ -19,12 +19,14 @@ from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
 import numpy as np
 
 from fembridge.errors import UsageError
-from fembridge.store import replacing
+from fembridge.host.store import replacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.text import Annotation
+
+    Panels = Axes | Sequence[Axes] | np.ndarray[Any, Any]  # to draw into, in reading order
 
 Share = bool | Literal["row", "col"]
 _Params = ParamSpec("_Params")
@@ -132,10 +134,10 @@ def check_suffix(path: Path) -> str:
     formats = set(FigureCanvasAgg.get_supported_filetypes()) - {_LATEX_FORMAT}
     suffix = path.suffix.removeprefix(".").lower()
     if suffix not in formats:
-        raise UsageError(
-            f"{path}: cannot draw {path.suffix or 'a file without suffix'}, "
-            f"expected one of {', '.join(sorted(formats))}"
-        )
+        expected = f"one of {', '.join(sorted(formats))}"
+        kind = path.suffix or "a file without suffix"
+        problem = f"cannot draw {kind}, expected {expected}"
+        raise UsageError(problem, path, found=path.suffix, expected=expected)
     return suffix
 
 
@@ -155,6 +157,29 @@ def save_figure(figure: "Figure", path: Path, dpi: float = DPI) -> None:
         figure.savefig(draft, format=suffix, dpi=dpi, metadata=metadata)
 
 
+def checked_axes(axes: "Panels", count: int) -> tuple["Figure", Any]:
+    """Figure of the caller's `axes`, and these as an array ``(count,)``.
+
+    Raises UsageError: another number of axes, or no Matplotlib axes.
+    """
+    from matplotlib.axes import Axes
+
+    panels = np.ravel(np.asarray(axes, dtype=object))
+    if panels.size != count or not all(isinstance(panel, Axes) for panel in panels):
+        kinds = {type(panel).__name__ for panel in panels} or {"nothing"}
+        raise UsageError(
+            f"has {panels.size} items ({', '.join(sorted(kinds))}), expected {count} Matplotlib "
+            "axes, one per panel in reading order",
+            argument="ax",
+            found=panels.size,
+            expected=f"{count} axes",
+        )
+    figure = panels[0].figure
+    while (parent := getattr(figure, "figure", figure)) is not figure:  # of a subfigure
+        figure = parent
+    return figure, panels
+
+
 def new_figure(
     height_in: float,
     rows: int = 1,
@@ -165,15 +190,21 @@ def new_figure(
     widths: Sequence[float] | None = None,
     sharex: Share = False,
     sharey: Share = False,
+    axes: "Panels | None" = None,
 ) -> tuple["Figure", Any]:
     """Figure and its panels ``(rows, columns)``.
 
     Matplotlib computes the margins, which takes seconds for many panels: see `grid_figure`.
-    `heights` and `widths` are the shares of rows and columns, by default equal.
+    `heights` and `widths` are the shares of rows and columns, by default equal. `axes` are
+    panels in reading order that replace a new figure. Raises UsageError: another number of them.
     """
-    from matplotlib.figure import Figure
+    if axes is not None:
+        figure, panels = checked_axes(axes, rows * columns)
+        _share(panels.reshape(rows, columns), sharex, sharey)
+        return figure, panels.reshape(rows, columns)
+    from fembridge.plots.notebook_figure import NotebookFigure
 
-    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    figure = NotebookFigure(figsize=(width_in, height_in), layout="constrained")
     panels = figure.subplots(
         rows,
         columns,
@@ -189,17 +220,25 @@ def new_figure(
 
 
 def grid_figure(
-    widths_in: Sequence[float], heights_in: Sequence[float]
+    widths_in: Sequence[float],
+    heights_in: Sequence[float],
+    count: int,
+    axes: "Panels | None" = None,
 ) -> tuple["Figure", Callable[[int, int], "Axes"]]:
     """Figure, and a function that adds its panel of a row and column; for hundreds of panels.
 
-    Widths and heights are in the order margin, panel, gap, panel, ... margin.
+    Widths and heights are in the order margin, panel, gap, panel, ... margin. `axes` are `count`
+    panels in reading order that replace a new figure. Raises UsageError: another number of them.
     """
-    from matplotlib.figure import Figure
+    if axes is not None:
+        figure, panels = checked_axes(axes, count)
+        remaining = iter(panels)
+        return figure, lambda row, column: next(remaining)
+    from fembridge.plots.notebook_figure import NotebookFigure
 
     x_in, y_in = np.cumsum(widths_in), np.cumsum(heights_in)
     width_in, height_in = x_in[-1], y_in[-1]
-    figure = Figure(figsize=(width_in, height_in))
+    figure = NotebookFigure(figsize=(width_in, height_in))
 
     def panel(row: int, column: int) -> "Axes":
         width, height = widths_in[2 * column + 1] / width_in, heights_in[2 * row + 1] / height_in
@@ -209,6 +248,23 @@ def grid_figure(
         return axes
 
     return figure, panel
+
+
+def _share(panels: "np.ndarray[Any, Any]", sharex: Share, sharey: Share) -> None:
+    """Share x and y axes of `panels` ``(rows, columns)`` as `Figure.subplots` does.
+
+    A panel that already shares its axis with another one of the caller is left as it is.
+    """
+    for (row, column), panel in np.ndenumerate(panels):
+        first = {True: panels[0, 0], "row": panels[row, 0], "col": panels[0, column]}
+        if sharex and len(panel.get_shared_x_axes().get_siblings(panel)) == 1:
+            panel.sharex(first[sharex])
+        if sharey and len(panel.get_shared_y_axes().get_siblings(panel)) == 1:
+            panel.sharey(first[sharey])
+        if sharex in (True, "col") and row + 1 < len(panels):
+            panel.tick_params(labelbottom=False)
+        if sharey in (True, "row") and column:
+            panel.tick_params(labelleft=False)
 
 
 def make_plain(panel: "Axes") -> None:

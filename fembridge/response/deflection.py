@@ -18,19 +18,19 @@ from typing import Any
 
 import numpy as np
 
-from decks.analysis import Contact, Model
+from decks.contact_analysis import Contact, Model
 from decks.finger import Finger, Resolution
 from decks.mesh import Mesh, refined
 from decks.presets import PAPER, QUICK, mesh_of
 from decks.probe import Probe
-from fembridge.build import build_run_folder
 from fembridge.errors import ResponseError, UsageError
+from fembridge.host.store import read_sealed, remove_file, write_sealed
+from fembridge.io.run_folder import RunFolder
 from fembridge.response.indentation import loading_um, read_pressed
-from fembridge.run_folder import RunFolder
+from fembridge.solver.build import build_run_folder
 from fembridge.solver.ccx import solve_once
-from fembridge.solver.settings import DEFAULTS, SolverSettings
+from fembridge.solver.settings import DEFAULTS, Solver
 from fembridge.stimulus import Stimulus
-from fembridge.store import read_sealed, remove_file, write_sealed
 from fembridge.typing import FloatArray, Table
 
 FORMAT = 1
@@ -154,10 +154,8 @@ def press_of(finger: Finger, mesh: Mesh | None = None) -> Model:
 def press_stimulus(depth_mm: float = DEPTH_MM) -> Stimulus:
     """Probe displacement down to `depth_mm` in growing steps."""
     if not _MIN_DEPTH_MM <= depth_mm <= _MAX_DEPTH_MM:
-        raise UsageError(
-            f"deflection: depth is {depth_mm:g} mm, expected {_MIN_DEPTH_MM:g} to "
-            f"{_MAX_DEPTH_MM:g} mm"
-        )
+        expected = f"{_MIN_DEPTH_MM:g} to {_MAX_DEPTH_MM:g}"
+        raise UsageError(argument="depth_mm", found=depth_mm, expected=expected)
     depth_um = depth_mm * _UM_PER_MM
     return Stimulus(
         id=f"deflection_{depth_um:g}",
@@ -184,7 +182,7 @@ def build_press_folder(folder: Path, press: Model, stimulus: Stimulus) -> RunFol
 
 
 def solve_deflection(
-    folder: Path, press: Model, depth_mm: float = DEPTH_MM, settings: SolverSettings = DEFAULTS
+    folder: Path, press: Model, depth_mm: float = DEPTH_MM, settings: Solver = DEFAULTS
 ) -> Deflection:
     """Deflection of `press`, solved in `folder` and written there as ``deflection.toml``.
 
@@ -225,7 +223,7 @@ def _read_deflection(run: RunFolder, press: Model, stimulus: Stimulus) -> Deflec
             f"most {_MAX_ASYMMETRY_SHARE * depth_mm[-1]:.3g} mm"
         )
     if problem is not None:
-        raise ResponseError(f"{run.folder}: {problem}")
+        raise ResponseError(problem, run.folder)
     kept_rows = slice(int(np.searchsorted(distance_mm, REACH_MM)) + 1)
     return Deflection(
         name=press.finger.name,
@@ -301,13 +299,23 @@ def stored_deflections() -> tuple[Deflection, ...]:
     return tuple(sorted(deflections, key=lambda deflection: deflection.elements))
 
 
-def stored_deflection(name: str) -> Deflection:
-    """The stored profile of the mesh called `name`."""
+def stored_deflection(finger: str | Finger) -> Deflection:
+    """Stored profile of `finger`: the name of its mesh, or a finger that equals one of `FINGERS`.
+
+    Raises
+    ------
+    UsageError
+        No profile is stored for `finger`.
+    """
+    name = finger if isinstance(finger, str) else finger.name
     stored = {deflection.name: deflection for deflection in stored_deflections()}
-    if name not in stored:
+    if name not in stored or (isinstance(finger, Finger) and finger != FINGERS.get(name)):
         raise UsageError(
-            f"no deflection is stored for finger {name!r}, only for "
-            f"{', '.join(stored)}; --solver run solves it"
+            f"{name!r} has no stored profile, only {', '.join(stored)} have; stored = False (of "
+            "the command: --solver run) solves it",
+            argument="finger",
+            found=name,
+            expected=" or ".join(stored),
         )
     return stored[name]
 

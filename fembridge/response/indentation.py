@@ -26,33 +26,42 @@ returns to its loading curve without friction, the slip of the skin is path-depe
 the contact model.
 """
 
+import logging
 import math
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from decks.analysis import Contact, Model
+from decks.contact_analysis import Contact, Model
 from decks.dialects import JOB
-from fembridge.build import build_run_folder
-from fembridge.cache import entries
+from decks.finger import Finger
 from fembridge.errors import ResponseError, ResultError, StimulusError
-from fembridge.response.response_map import IN_PLANE, MAP_FILE, ResponseMap, write_map
+from fembridge.host.cache import entries
+from fembridge.host.store import write_text
+from fembridge.io.run_folder import RunFolder
+from fembridge.response.response_map import (
+    IN_PLANE,
+    MAP_FILE,
+    ResponseMap,
+    write_map,
+)
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.frd import FrdIndex, values_at
 from fembridge.results.printed import read_node_print
-from fembridge.results.stress import clear_shear, von_mises_pa
-from fembridge.run_folder import RunFolder
+from fembridge.results.von_mises import clear_shear, von_mises_pa
+from fembridge.solver.build import build_run_folder
 from fembridge.solver.ccx import solve_once
-from fembridge.solver.settings import DEFAULTS, SolverSettings
+from fembridge.solver.settings import DEFAULTS, Solver
 from fembridge.solver.verdict import Cause, Outcome
 from fembridge.stimulus import Stimulus
-from fembridge.store import write_text
 from fembridge.trace import MS_PER_S, PA_PER_MPA
 from fembridge.typing import FloatArray
+
+_LOGGER = logging.getLogger(__name__)
 
 LADDER = (
     Contact("node-to-surface", stiffness_mpa_per_mm=200.0),
@@ -70,7 +79,6 @@ CONTACT_CAUSES = frozenset(
 )
 
 ATTEMPTS_FILE = "contacts.txt"
-RESPONSE_FOLDER = "response"
 
 CLOSURE_PERCENT = 0.5
 DEFAULT_DEPTH_UM = 400.0
@@ -107,19 +115,13 @@ _MAX_COST = 1e15  # largest plausible seconds, increments or bytes of a cached r
 _DECK_BYTES_PER_ELEMENT = 69.4
 """Bytes per element in decks of the reference fingers."""
 
-Log = Callable[[str], None]
-"""Called with each log line."""
-
 
 class HysteresisError(ResponseError):
     """Unloading differs from loading by `closure_percent`, more than a map allows."""
 
-    def __init__(self, problem: str, closure_percent: float, *more: object) -> None:
-        super().__init__(problem, closure_percent, *more)  # these rebuild it after pickling
+    def __init__(self, problem: str = "", *, closure_percent: float = math.nan) -> None:
+        super().__init__(problem)
         self.closure_percent = closure_percent
-
-    def __str__(self) -> str:
-        return str(self.args[0])
 
 
 class FrictionSlipError(HysteresisError):
@@ -129,8 +131,14 @@ class FrictionSlipError(HysteresisError):
     each waveform needs a transient run.
     """
 
-    def __init__(self, problem: str, closure_percent: float, contact: Contact) -> None:
-        super().__init__(problem, closure_percent, contact)
+    def __init__(
+        self,
+        problem: str = "",
+        *,
+        closure_percent: float = math.nan,
+        contact: Contact = LADDER[0],
+    ) -> None:
+        super().__init__(problem, closure_percent=closure_percent)
         self.contact = contact
 
 
@@ -147,16 +155,16 @@ class Attempt(NamedTuple):
         return f"{self.contact}{spring}{steps}"
 
 
-def why_no_map(model: Model, stimuli: Sequence[Stimulus]) -> str | None:
-    """Reason why stress is no function of depth alone; None where there is none.
+def map_obstacle(finger: Finger, stimuli: Sequence[Stimulus], *, inertia: bool) -> str | None:
+    """Reason why stress is no function of depth alone; None if it is one.
 
     Friction is not checked here: see `solve_response`.
     """
-    relaxing = [layer for layer, material in model.finger.materials.items() if material.prony]
+    relaxing = [layer for layer, material in finger.materials.items() if material.prony]
     if relaxing:
         verb = "relaxes" if len(relaxing) == 1 else "relax"
         return f"{', '.join(relaxing)} {verb}: stress depends on time, not on depth alone"
-    if model.inertia:
+    if inertia:
         return "inertia counts: stress depends on acceleration, not on depth alone"
     sliding = [stimulus.id for stimulus in stimuli if stimulus.aside_um is not None]
     if sliding:
@@ -171,10 +179,9 @@ def solve_response(
     folder: Path,
     model: Model,
     needed_um: float = DEFAULT_DEPTH_UM,
-    settings: SolverSettings = DEFAULTS,
+    settings: Solver = DEFAULTS,
     *,
     ladder: Sequence[Contact] = LADDER,
-    log: Log = lambda line: None,
 ) -> tuple[Model, ResponseMap]:
     """`model` with the first accepted contact of the `ladder`, and its response map.
 
@@ -195,8 +202,6 @@ def solve_response(
         How the solver is run.
     ladder
         Contact models in the order of trial. Default: `LADDER`.
-    log
-        Called with each log line. Default: no log.
 
     Raises
     ------
@@ -208,13 +213,21 @@ def solve_response(
         No contact model was accepted; the reasons are in ``contacts.txt``.
     """
     depth_um, settings, static_model = depth_for(needed_um), settings.shared_by(1), model.at_once()
+    is_forecast = False
 
     def solve_attempt(name: str, attempt: Attempt) -> tuple[Outcome, ResponseMap | ResponseError]:
         """Outcome of the run, with its response map or the reason of its rejection."""
         stimulus = indentation(depth_um, attempt.steps)
         variant = replace(static_model, support=attempt.support, contact=attempt.contact)
         run = build_run_folder(folder / name, variant, stimulus)
-        outcome = solve_once(run, settings)
+
+        def log_forecast() -> None:  # of the first run that the cache cannot answer
+            nonlocal is_forecast
+            if not is_forecast:
+                is_forecast = True
+                _log_forecast(variant, stimulus)
+
+        outcome = solve_once(run, settings, on_start=log_forecast)
         if outcome.failure is not None:
             if outcome.failure.cause not in CONTACT_CAUSES:
                 raise outcome.to_error()
@@ -225,21 +238,16 @@ def solve_response(
             return outcome, error
 
     attempts = list_attempts(depth_um, ladder)
-    increments = indentation(depth_um).displacement_um.size - 1
-    is_halved = attempts[0].support == "spring" and static_model.section == "half"
-    elements = len(model.mesh.quad) * (0.5 if is_halved else 1.0)
-    duration_text = in_words(increments * increment_s(elements))
-    log(f"indentation to {depth_um:g} um: {increments} increments, about {duration_text}")
     rejections: list[str] = []
     for number, attempt in enumerate(attempts, start=1):
         if rejections:
-            log(f"contact model {number} of {len(attempts)}: {attempt}")
+            _LOGGER.info(f"contact model {number} of {len(attempts)}: {attempt}")
         outcome, response = solve_attempt(f"contact_{number}", attempt)
         if isinstance(response, ResponseMap):
             write_map(folder / MAP_FILE, response)
             source_text = "reused" if outcome.skipped else f"solved in {outcome.wall_s:.0f} s"
             source_text = "read from the cache" if outcome.cached else source_text
-            log(
+            _LOGGER.info(
                 f"response of finger {model.finger.name!r} {source_text}: "
                 f"{outcome.increments} increments, contact {attempt.contact}, unloading within "
                 f"{response.closure_percent:.2g} % of loading"
@@ -257,15 +265,27 @@ def solve_response(
                     f"friction by {frictionless_response.closure_percent:.2g} %, expected at most "
                     f"{CLOSURE_PERCENT} %: stress depends on the probe's path, not on depth "
                     "alone",
-                    response.closure_percent,
-                    attempt.contact,
+                    closure_percent=response.closure_percent,
+                    contact=attempt.contact,
                 )
         rejections.append(f"{attempt}: {response}")
-        log(f"rejected {rejections[-1]}")
+        _LOGGER.info(f"rejected {rejections[-1]}")
     write_text(folder / ATTEMPTS_FILE, "\n".join(rejections) + "\n")
     raise ResponseError(
-        f"{folder}: none of {len(rejections)} contact models was accepted to {depth_um:g} um, "
-        f"reasons in {ATTEMPTS_FILE}; take a smaller amplitude, or --law neo-hookean"
+        f"none of {len(rejections)} contact models was accepted to {depth_um:g} um, reasons in "
+        f"{ATTEMPTS_FILE}; choose a smaller amplitude, or --law neo-hookean",
+        folder,
+    )
+
+
+def _log_forecast(model: Model, stimulus: Stimulus) -> None:
+    """Log increments and expected duration of the indentation `stimulus`."""
+    increments = stimulus.displacement_um.size - 1
+    is_halved = model.support == "spring" and model.section == "half"
+    elements = len(model.mesh.quad) * (0.5 if is_halved else 1.0)
+    duration = format_duration(increments * increment_s(elements))
+    _LOGGER.info(
+        f"indentation to {stimulus.deepest_um:g} um: {increments} increments, about {duration}"
     )
 
 
@@ -297,7 +317,7 @@ def increment_s(elements: float) -> float:
     return float(cost_s * elements**_COST_POWER)
 
 
-def in_words(seconds: float) -> str:
+def format_duration(seconds: float) -> str:
     """Duration rounded to one or two figures: ``20 s``, ``4 min``, ``6 h``."""
     unit_s, unit = next(
         (scale for scale in ((3600.0, "h"), (60.0, "min")) if seconds >= 1.5 * scale[0]), (1.0, "s")
@@ -313,9 +333,12 @@ def indentation(depth_um: float = DEFAULT_DEPTH_UM, steps: int = STEPS) -> Stimu
     The result does not depend on time; a step is one increment of the solver.
     """
     if not _MIN_DEPTH_UM <= depth_um <= REACH_UM:
+        expected = f"{_MIN_DEPTH_UM:g} to {REACH_UM:g} um"
         raise StimulusError(
-            f"indentation is {depth_um:g} um deep, expected {_MIN_DEPTH_UM:g} to {REACH_UM:g} um; "
-            "take a smaller amplitude or pre-indentation"
+            f"indentation is {depth_um:g} um deep, expected {expected}; "
+            "choose a smaller amplitude or pre-indentation",
+            found=depth_um,
+            expected=expected,
         )
     load_um = loading_um(depth_um, steps)
     unload_um = load_um[steps - _UNLOAD_EVERY : 0 : -_UNLOAD_EVERY]
@@ -377,7 +400,7 @@ def judge(
     elif not closure_percent <= CLOSURE_PERCENT:  # NaN is rejected too
         message = f"unloading differs from loading by {closure_percent:.3g} % at the same depth"
         return closure_percent, HysteresisError(
-            f"{message}, expected at most {CLOSURE_PERCENT} %", closure_percent
+            f"{message}, expected at most {CLOSURE_PERCENT} %", closure_percent=closure_percent
         )
     return closure_percent, ResponseError(problem) if problem else None
 

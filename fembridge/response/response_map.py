@@ -1,36 +1,46 @@
 """The response map: stress at each afferent against depth of the probe; its file.
 
+A map of our finger begins at depth 0, where the probe leaves the skin. A map of a user's deck
+may have depths below 0, any number of units of a class, and a load instead of a displacement.
+
 A map is a small, readable TOML file with a checksum. The maps of the reference fingers
 are stored in ``maps``, for machines without a solver: each is the result of the recorded
 run ``fixtures/response_NAME`` of the repository, and ``python fixtures/record.py``
 makes both again.
 """
 
+import logging
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 
 from decks.finger import Finger
+from decks.own_model import LoadScale
 from decks.presets import finger_table
 from decks.probe import Probe
-from fembridge.errors import ResponseError
-from fembridge.results.stress import TENSOR, energy_stress_pa, von_mises_pa
-from fembridge.run_folder import AfferentNode
+from fembridge.errors import ResponseError, UsageError
+from fembridge.host.store import near_hint, read_sealed, write_sealed
+from fembridge.io.run_folder import AfferentNode
+from fembridge.results.von_mises import TENSOR, energy_stress_pa, von_mises_pa
 from fembridge.stimulus import Stimulus
-from fembridge.store import near_hint, read_sealed, write_sealed
-from fembridge.trace import StressTrace
+from fembridge.trace import StressTrace, split_afferent_key
 from fembridge.typing import FloatArray, Table
-from neural.models import Model, model_of
+from neural.models import AfferentModel, model_of
 from neural.parameters import AfferentParameters
 
 if TYPE_CHECKING:
     from scipy.interpolate import PchipInterpolator
 
+_LOGGER = logging.getLogger(__name__)
+
 FORMAT = 1
 MAP_FILE = "response.toml"
+RESPONSE_FOLDER = "response"
 FOLDER = Path(__file__).parent / "maps"
 ENERGY = "energy"
 IN_PLANE = 4
@@ -38,35 +48,66 @@ IN_PLANE = 4
 _DEEP = "_deep"
 _LENGTHS = ("x_mm", "y_mm", "depth_mm", "z_mm")
 _SITE_KEYS = ("node", "layer", *_LENGTHS)
-_STRESS_KEYS = tuple(f"{name}_pa" for name in TENSOR[:IN_PLANE])
+_STRESS_KEYS = tuple(f"{name}_pa" for name in TENSOR)
 _KEYS = (
     "sha256",
     "format",
     "closure_percent",
     "depth_um",
     "force_n_per_mm",
+    "lifts_off",
+    "load",
     "origin",
     "afferents",
 )
+_MAX_BYTES = 100_000_000
 
-Models: TypeAlias = Mapping[str, Model] | Mapping[str, AfferentParameters]
+ResponseLike: TypeAlias = "ResponseMap | HasResponse | str | PathLike[str]"
+"""A response map, a result that has one, or the folder or file of one."""
+
+Models: TypeAlias = Mapping[str, AfferentModel] | Mapping[str, AfferentParameters]
 """Models or parameters by afferent class."""
+
+
+class HasResponse(Protocol):
+    """A result with a response map, such as `fembridge.DeckResponse`."""
+
+    @property
+    def response(self) -> "ResponseMap":
+        """The map."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResponseMap:
-    """Stress tensors `tensor_pa` ``(K, afferent, 6)`` at `depth_um` ``(K,)``.
+    """Stress at each afferent against the depth of the probe, from one indentation.
 
-    Depths ascend from 0, where stress is 0; above depth 0 the skin is unstressed. The
-    section is in plane strain: the shears yz and zx are 0.
-    `force_n_per_mm` ``(K,)`` is the force of the skin on the probe per mm of thickness.
-    `closure_percent` is the difference between loading and unloading, NaN where nothing
-    was compared; `origin` holds the inputs of the map.
+    Parameters
+    ----------
+    depth_um
+        Depth of the probe in um, ``(K,)``, K at least 3, ascending from 0 or less. Where `load`
+        is set, the depth stands for a force or a pressure.
+    tensor_pa
+        Stress tensors in Pa, ``(K, afferent, 6)``: xx, yy, zz, xy, yz, zx. In plane strain yz
+        and zx are 0.
+    force_n_per_mm
+        Force of the skin on the probe, ``(K,)`` in N per mm of thickness; ``(0,)`` where it is
+        unknown.
+    places
+        Node, layer and position of each afferent; a unit where its class has several.
+    closure_percent
+        Largest difference of unloading from loading in percent, NaN where nothing was compared.
+    origin
+        Inputs of the map: solver, deck, finger, probe. Default: empty.
+    lifts_off
+        Whether the probe has left the skin at the smallest depth, so that stress is the same
+        at any smaller one. Default: True.
+    load
+        Force or pressure that `depth_um` stands for. Default: None, a displacement.
 
     Raises
     ------
     ResponseError
-        Shapes that do not match, or depths that do not ascend from 0.
+        Shapes that do not match, or depths that do not ascend or lack 0.
     """
 
     depth_um: FloatArray
@@ -75,6 +116,8 @@ class ResponseMap:
     places: tuple[AfferentNode, ...]
     closure_percent: float
     origin: Mapping[str, Any] = field(default_factory=dict)
+    lifts_off: bool = True
+    load: LoadScale | None = None
     _curve: "PchipInterpolator | None" = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -86,13 +129,43 @@ class ResponseMap:
             object.__setattr__(self, name, array)
         depth_um, count = self.depth_um, self.depth_um.size
         expected = (count, len(self.places), len(TENSOR))
-        if self.tensor_pa.shape != expected or self.force_n_per_mm.shape != (count,):
+        if self.tensor_pa.shape != expected or self.force_n_per_mm.shape not in ((count,), (0,)):
             raise ResponseError(
                 f"response map: tensors {self.tensor_pa.shape} and forces "
                 f"{self.force_n_per_mm.shape}, expected {expected} and ({count},)"
             )
-        if depth_um.ndim != 1 or count < 3 or depth_um[0] or not (np.diff(depth_um) > 0).all():
-            raise ResponseError("response map: expected three or more depths, ascending from 0")
+        if (
+            depth_um.ndim != 1
+            or count < 3
+            or not (np.diff(depth_um) > 0).all()
+            or 0.0 not in depth_um
+        ):
+            raise ResponseError(
+                "response map: expected three or more depths, ascending, one of them 0"
+            )
+        keys = [site.key for site in self.places]
+        if len(set(keys)) < len(keys):
+            raise ResponseError(f"response map: {max(keys, key=keys.count)} is there twice")
+
+    def __repr__(self) -> str:
+        depths = f"{self.depth_um.size} depths to {self.deepest_um:g} um"
+        if self.depth_um[0] < 0:
+            depths = f"{self.depth_um.size} depths, {self.depth_um[0]:g} to {self.deepest_um:g} um"
+        return f"ResponseMap({self.classes_text()}, {depths})"
+
+    def class_names(self) -> list[str]:
+        """The classes, each once."""
+        return list(dict.fromkeys(site.afferent for site in self.places))
+
+    def classes_text(self) -> str:
+        """The classes, with the number of units where a class has several."""
+        counts = Counter(site.afferent for site in self.places)
+        return ", ".join(f"{name} ({n} units)" if n > 1 else name for name, n in counts.items())
+
+    @property
+    def is_of_deck(self) -> bool:
+        """Whether the map is of a user's deck, whose position of the probe is depth 0."""
+        return "base_deck" in self.origin
 
     @property
     def deepest_um(self) -> float:
@@ -126,22 +199,46 @@ class ResponseMap:
                 stimulus.dt_ms,
                 site.node,
                 site.afferent,
+                unit=site.unit,
             )
             for column, site in enumerate(self.places)
         ]
 
     def stress_pa(
-        self, model: Model | AfferentParameters, stimuli: Sequence[Stimulus]
+        self, model: AfferentModel | AfferentParameters, stimuli: Sequence[Stimulus]
     ) -> FloatArray:
         """Stress in Pa that drives the class of `model`, ``(T, stimulus)``.
 
-        A shorter stimulus keeps its last stress up to the length of the longest. Raises the
-        errors of `traces`, and a `ResponseError` where the map lacks the class.
+        A shorter stimulus keeps its last stress up to the length of the longest. Of several units
+        of the class the one with the largest stress is taken.
+
+        Parameters
+        ----------
+        model
+            Model or parameters of the class.
+        stimuli
+            Probe depths in um against time in ms.
+
+        Raises
+        ------
+        ResponseError
+            Those of `traces`; or the map lacks the class.
         """
-        classes = [site.afferent for site in self.places]
-        if model.afferent not in classes:
-            raise ResponseError(f"no {model.afferent} in the response, only {', '.join(classes)}")
-        column = classes.index(model.afferent)
+        columns = [k for k, site in enumerate(self.places) if site.afferent == model.afferent]
+        if not columns:
+            raise ResponseError(
+                f"no {model.afferent} in the response, only {self.classes_text()}",
+                found=model.afferent,
+                expected=self.classes_text(),
+            )
+        column = columns[0]
+        if len(columns) > 1:
+            peaks_pa = von_mises_pa(self.tensor_pa[:, columns]).max(axis=0)
+            column = columns[int(peaks_pa.argmax())]
+            _LOGGER.info(
+                f"{model.afferent} is unit {self.places[column].unit}, of {len(columns)} that with "
+                "the largest stress"
+            )
         traces_pa = [
             self._scalar_pa(
                 self.tensors(stimulus.displacement_um, stimulus.id, column),
@@ -155,7 +252,10 @@ class ResponseMap:
         return np.stack(padded_pa, axis=-1)
 
     def _scalar_pa(
-        self, tensor_pa: FloatArray, site: AfferentNode, model: Model | AfferentParameters | None
+        self,
+        tensor_pa: FloatArray,
+        site: AfferentNode,
+        model: AfferentModel | AfferentParameters | None,
     ) -> FloatArray:
         if model is not None and _reads_energy(model):
             return energy_stress_pa(tensor_pa, self.poisson_at(site))
@@ -164,15 +264,38 @@ class ResponseMap:
     def tensors(
         self, displacement_um: FloatArray, name: str = "probe", column: int | None = None
     ) -> FloatArray:
-        """Stress tensors ``(T, afferent, 6)`` in Pa at probe depths ``(T,)`` in um.
+        """Stress tensors ``(T, afferent, 6)`` in Pa at depths of the probe.
 
-        With a `column`, those of one afferent, ``(T, 6)``. `name` is the stimulus in an error.
+        Parameters
+        ----------
+        displacement_um
+            Depth of the probe in um, ``(T,)``.
+        name
+            Name of the stimulus in an error. Default: ``"probe"``.
+        column
+            Row of an afferent in `places`, whose tensors alone are computed, ``(T, 6)``.
+            Default: None, all afferents.
+
+        Raises
+        ------
+        ResponseError
+            A depth beyond those of the map.
         """
-        deepest_um = float(displacement_um.max())
+        deepest_um, highest_um = float(displacement_um.max()), float(displacement_um.min())
         if deepest_um > self.deepest_um:
             raise ResponseError(
                 f"{name} goes {deepest_um:.9g} um deep, the response map reaches "
-                f"{self.deepest_um:g} um"
+                f"{self.deepest_um:g} um",
+                found=deepest_um,
+                expected=f"at most {self.deepest_um:g} um",
+            )
+        if highest_um < self.depth_um[0] and not self.lifts_off:
+            raise ResponseError(
+                f"{name} goes up to {highest_um:.9g} um, the response map begins at "
+                f"{self.depth_um[0]:g} um: a pre-indentation (--preindent-um) keeps it inside, or "
+                "a map with a larger --retract-um",
+                found=highest_um,
+                expected=f"at least {self.depth_um[0]:g} um",
             )
         from scipy.interpolate import PchipInterpolator, PPoly  # slow to import
 
@@ -183,11 +306,22 @@ class ResponseMap:
         selected = (
             interpolant if column is None else PPoly(interpolant.c[:, :, column], interpolant.x)
         )
-        tensor_pa: FloatArray = selected(np.maximum(displacement_um, 0.0))
+        tensor_pa: FloatArray = selected(np.maximum(displacement_um, self.depth_um[0]))
         return tensor_pa
 
     def poisson_at(self, site: AfferentNode) -> float:
-        """Poisson's ratio of the layer around an afferent."""
+        """Poisson's ratio of the layer around an afferent.
+
+        Parameters
+        ----------
+        site
+            The afferent, one of `places`.
+
+        Raises
+        ------
+        ResponseError
+            `origin` lacks the material of the layer.
+        """
         try:
             return float(self.origin["finger"]["materials"][site.layer]["poisson"])
         except (KeyError, TypeError, ValueError, OverflowError) as error:
@@ -204,18 +338,21 @@ def reading_energy(models: Models) -> str | None:
 
 def write_map(path: Path, response: ResponseMap) -> None:
     """Write `response` to `path`; the same map gives the same bytes."""
+    components = len(TENSOR) if response.tensor_pa[..., IN_PLANE:].any() else IN_PLANE
     table: Table = {
         "format": FORMAT,
         "closure_percent": response.closure_percent,
         "depth_um": response.depth_um.tolist(),
-        "force_n_per_mm": response.force_n_per_mm.tolist(),
+        **({"force_n_per_mm": force.tolist()} if (force := response.force_n_per_mm).size else {}),
+        **({} if response.lifts_off else {"lifts_off": False}),
+        **({} if response.load is None else {"load": asdict(response.load)}),
         "origin": dict(response.origin),
         "afferents": {
-            site.afferent: {
-                **site.to_table(),
+            site.key: {
+                **{key: value for key, value in site.to_table().items() if key in _SITE_KEYS},
                 **{
                     key: response.tensor_pa[:, column, component].tolist()
-                    for component, key in enumerate(_STRESS_KEYS)
+                    for component, key in enumerate(_STRESS_KEYS[:components])
                 },
             }
             for column, site in enumerate(response.places)
@@ -224,9 +361,18 @@ def write_map(path: Path, response: ResponseMap) -> None:
     write_sealed(path, table)
 
 
-def read_map(path: Path) -> ResponseMap:
-    """Read a map that `write_map` wrote."""
-    table = read_sealed(path, "response map", FORMAT)
+def read_map(path: Path | str) -> ResponseMap:
+    """Read a map that `write_map` wrote; `path` is the file, or a folder that has it.
+
+    The folder may be that of ``fembridge map`` or the output folder of ``fembridge simulate``.
+
+    Raises
+    ------
+    ResponseError
+        There is none, or it was not written by fembridge.
+    """
+    path = map_file(path)
+    table = read_sealed(path, "response map", FORMAT, _MAX_BYTES)
     try:
         _check_keys(table, _KEYS, "the map")
         afferents = table["afferents"]
@@ -236,6 +382,8 @@ def read_map(path: Path) -> ResponseMap:
         tensor_pa = np.zeros((depth_um.size, len(afferents), len(TENSOR)))
         for column, (name, section) in enumerate(afferents.items()):
             for component, key in enumerate(_STRESS_KEYS):
+                if component >= IN_PLANE and key not in section:
+                    continue
                 stress_pa = _parse_numbers(section[key], f"{key} of {name}")
                 if stress_pa.shape != depth_um.shape:
                     raise ValueError(
@@ -247,13 +395,18 @@ def read_map(path: Path) -> ResponseMap:
         closure_percent, origin = table["closure_percent"], table["origin"]
         if not isinstance(closure_percent, float | int) or not isinstance(origin, Mapping):
             raise TypeError("closure_percent is no number or origin no table")
+        lifts_off, load = table.get("lifts_off", True), table.get("load")
+        if not isinstance(lifts_off, bool) or not isinstance(load, Mapping | None):
+            raise TypeError("lifts_off is not true or false, or load no table")
         return ResponseMap(
             depth_um=depth_um,
             tensor_pa=tensor_pa,
-            force_n_per_mm=_parse_numbers(table["force_n_per_mm"], "force_n_per_mm"),
+            force_n_per_mm=_parse_numbers(table.get("force_n_per_mm", []), "force_n_per_mm"),
             places=tuple(_parse_site(name, section) for name, section in afferents.items()),
             closure_percent=float(closure_percent),
             origin=origin,
+            lifts_off=lifts_off,
+            load=None if load is None else LoadScale(**load),
         )
     except (
         KeyError,
@@ -264,7 +417,48 @@ def read_map(path: Path) -> ResponseMap:
         ResponseError,
     ) as error:
         problem = f"key {error} is missing" if isinstance(error, KeyError) else str(error)
-        raise ResponseError(f"{path}: not a response map: {problem}") from error
+        raise ResponseError(f"not a response map: {problem}", path) from error
+
+
+def load_response(response: ResponseLike) -> ResponseMap:
+    """The map of `response`: itself, that of a result, or that of a folder or file.
+
+    Raises
+    ------
+    UsageError
+        A value of another type.
+    ResponseError
+        There is no map, or it was not written by fembridge.
+    """
+    if isinstance(response, ResponseMap):
+        return response
+    if isinstance(response, str | PathLike):
+        return read_map(Path(response))
+    inner = getattr(response, "response", None)
+    if not isinstance(inner, ResponseMap):
+        expected = "a ResponseMap, a DeckResponse, or the folder or file of a map"
+        raise UsageError(argument="response", found=response, expected=expected)
+    return inner
+
+
+def map_file(path: Path | str) -> Path:
+    """The file of a map: `path` itself, or the one in this folder.
+
+    Raises
+    ------
+    ResponseError
+        A folder without a map.
+    """
+    path = Path(path)
+    candidates = (path / MAP_FILE, path / RESPONSE_FOLDER / MAP_FILE)
+    found = next(filter(Path.is_file, candidates), path)
+    if found.is_dir():
+        raise ResponseError(
+            f"no {MAP_FILE} here nor in {RESPONSE_FOLDER}/, expected the output folder of "
+            "`fembridge map` or `fembridge simulate`",
+            path,
+        )
+    return found
 
 
 def _check_keys(table: Mapping[str, Any], expected: Sequence[str], name: str) -> None:
@@ -295,7 +489,9 @@ def _parse_site(name: str, table: Mapping[str, Any]) -> AfferentNode:
     _parse_numbers(
         [length_mm for length_mm in lengths_mm if length_mm is not None], f"position of {name}"
     )
-    return AfferentNode(name, node, layer, *lengths_mm)
+    afferent, unit = split_afferent_key(name)
+    x_mm, y_mm, depth_mm, z_mm = lengths_mm
+    return AfferentNode(afferent, node, layer, x_mm, y_mm, depth_mm, z_mm, unit=unit)
 
 
 def stored_response(
@@ -335,7 +531,7 @@ def stored_response(
     return response
 
 
-def _reads_energy(model: Model | AfferentParameters) -> bool:
+def _reads_energy(model: AfferentModel | AfferentParameters) -> bool:
     drive = model_of(model) if isinstance(model, AfferentParameters) else model
     return drive.quantity == ENERGY
 

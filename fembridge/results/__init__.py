@@ -1,9 +1,9 @@
-"""Reading a solver's results: one table of formats, one function.
+"""Readers of solver results: one table of formats, one function.
 
-The table is in `fembridge.results.readers`; a file that is opened once, for several
-questions, is a `fembridge.results.result.Result`. What a file lacks, or has damaged, is a
-`ResultError` that names the file, and where it has lines the line; words that ask for what
-such a file cannot have are a `UsageError`.
+The table is in `fembridge.results.readers`. A `fembridge.results.result.Result` is an open
+file that answers several questions. Missing or damaged content raises a `ResultError` with
+the file and, in a text file, the line. A request that the format cannot answer raises a
+`UsageError`.
 """
 
 from fembridge.results.readers import ENTRY_POINTS, READERS, Reader

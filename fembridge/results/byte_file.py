@@ -1,10 +1,10 @@
-"""A file read at offsets, the lines of a text file, and its numbers in fields of fixed width.
+"""Random access to a file, lines of a text file, and numbers in fields of fixed width.
 
-Read and not mapped: a mapped file that another process cuts short kills the reader with
-SIGBUS; here it is an error with words. The size is taken once, when the file is opened: a
-run that is still writing does not move the end, and `change` says that it was.
+Files are read, not mapped: if another process truncates a mapped file, SIGBUS kills the reader;
+here it raises an error. The size is taken when the file is opened, so a run that is still
+writing does not move the end; `change` describes it.
 
-A file named ``.gz`` is unpacked into a temporary one first, up to a bound.
+A ``.gz`` file is first unpacked to a temporary file of limited size.
 """
 
 import gzip
@@ -26,48 +26,48 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fembridge.errors import ResultError
-from fembridge.memory import MAX_RATIO, SMALL_BYTES
+from fembridge.host.memory import MAX_RATIO, SMALL_BYTES
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 Characters = NDArray[np.uint8]  # of records of one length, ``(record, byte)``
 
 WINDOW_BYTES = 4096  # holds the header of a block with 100 components
 CHUNK_BYTES = 1 << 20
-LONGEST_LINE = 1 << 16
+MAX_LINE_BYTES = 1 << 16
 _OPEN_FILES = Path("/proc/self/fd")
-# Formats whose lines are read one by one: what unpacks without limit is less of them.
+# Formats that are read line by line, with a lower limit of the unpacked size.
 _READ_BY_LINES = (".dat", ".sta", ".cvg", ".sts", ".txt")
-_LEAST_POWER, _MOST_POWER, _HEAD_BITS = -105, 94, 29  # of E-99 behind six decimals
+_MIN_POWER, _MAX_POWER, _HEAD_BITS = -105, 94, 29  # of E-99 behind six decimals
 _PLAIN = b" +-.0123456789E\n"
 _BLANK = re.compile(rb"(?:[ \t\r]*\n)+")
 _IS_PLAIN = np.isin(np.arange(256), np.frombuffer(_PLAIN[:-1], np.uint8))
 
 
 class ByteFile(AbstractContextManager["ByteFile"]):
-    """The bytes of `path`, by offset; a context manager that closes it.
+    """The bytes of `path` by offset; a context manager that closes the file.
 
-    They are in the file `place`: `path` itself, or what it was unpacked to.
+    `data_path` is the file that is read: `path` itself, or its unpacked content.
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = self.place = path
+        self.path = self.data_path = path
         if path.suffix.lower() == ".gz" and path.is_file():
-            about = path.stat()
-            self._kept = _unpacked(path, about.st_size, about.st_mtime_ns)
-            self.place = self._kept.path
+            status = path.stat()
+            self._unpacked_content = _unpacked(path, status.st_size, status.st_mtime_ns)
+            self.data_path = self._unpacked_content.path
         try:
-            handle = os.open(self.place, os.O_RDONLY | os.O_NONBLOCK)
+            handle = os.open(self.data_path, os.O_RDONLY | os.O_NONBLOCK)
         except FileNotFoundError as error:
-            raise ResultError(f"no such file{_near(path)}", path) from error
+            raise ResultError(f"no such file{_near_names(path)}", path) from error
         except OSError as error:
             raise ResultError(f"cannot be opened: {error.strerror}", path) from error
-        about = os.fstat(handle)
-        if not stat.S_ISREG(about.st_mode):
+        status = os.fstat(handle)
+        if not stat.S_ISREG(status.st_mode):
             os.close(handle)
-            kind = "a folder" if stat.S_ISDIR(about.st_mode) else "a pipe or a device"
+            kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe or a device"
             raise ResultError(f"{kind}, expected a result file", path)
-        self.size = about.st_size
-        self.written_ns = about.st_mtime_ns
+        self.size = status.st_size
+        self.written_ns = status.st_mtime_ns
         self._file = os.fdopen(handle, "rb", WINDOW_BYTES)
 
     def __exit__(self, *error: object) -> None:
@@ -84,33 +84,33 @@ class ByteFile(AbstractContextManager["ByteFile"]):
             raise ResultError(f"cannot be read: {error.strerror}", self.path) from error
         except ValueError as error:  # of a Python file that is closed
             raise ResultError(
-                "closed: read it inside the `with` that opens it", self.path
+                "the file is closed; read it inside the `with` block that opens it", self.path
             ) from error
 
     def take(self, offset: int, length: int) -> bytes:
-        """Exactly `length` bytes from `offset`, which the file must have."""
+        """Exactly `length` bytes from `offset`; fewer raise a `ResultError`."""
         if offset < 0 or length < 0 or offset + length > self.size:
             raise ResultError(
                 f"{length} bytes expected at byte {offset}, the file has {self.size}", self.path
             )
-        found = self.peek(offset, length)
-        if len(found) < length:
+        content = self.peek(offset, length)
+        if len(content) < length:
             raise ResultError(
-                f"ends at byte {offset + len(found)}, it had {self.size} bytes when "
-                "it was opened: something else is writing it",
+                f"ends at byte {offset + len(content)}, but had {self.size} bytes when it was "
+                "opened: another process is writing it",
                 self.path,
             )
-        return found
+        return content
 
     def holds(self, offset: int, text: bytes) -> bool:
         """Whether `text` is at `offset`."""
         return self.peek(offset, len(text)) == text
 
     def line(self, offset: int) -> tuple[bytes, int] | None:
-        """The line at `offset` without its end, and where the next begins.
+        """The line at `offset` without its line end, and the offset of the next line.
 
-        None when no line end follows within `WINDOW_BYTES`: `why_no_line` says
-        whether the line is cut by the end of the file, or this is no text.
+        None if no line end follows within `WINDOW_BYTES`; `line_problem` then says whether the
+        end of the file cuts the line or the content is not text.
         """
         if not 0 <= offset < self.size:
             return None
@@ -123,39 +123,39 @@ class ByteFile(AbstractContextManager["ByteFile"]):
             return None
         return line[:-1].removesuffix(b"\r"), offset + len(line)
 
-    def why_no_line(self, offset: int) -> str:
-        """Why `line` found none at `offset`."""
+    def line_problem(self, offset: int) -> str:
+        """Message for an offset without a complete line."""
         if self.size - offset > WINDOW_BYTES:
-            return f"a line of more than {WINDOW_BYTES} bytes, which is no line"
+            return f"no line end in {WINDOW_BYTES} bytes"
         return "cut inside a line"
 
     @property
     def change(self) -> str | None:
-        """How the file has changed since it was opened; None if it has not."""
-        about = os.fstat(self._file.fileno())
-        if (about.st_size, about.st_mtime_ns) == (self.size, self.written_ns):
+        """Message if the file has changed since it was opened; None if it has not."""
+        status = os.fstat(self._file.fileno())
+        if (status.st_size, status.st_mtime_ns) == (self.size, self.written_ns):
             return None
-        if about.st_size == self.size:
-            return "it was written to while it was read"
-        word = "grew" if about.st_size > self.size else "shrank"
+        if status.st_size == self.size:
+            return "the file was overwritten while it was read"
+        verb = "grew" if status.st_size > self.size else "shrank"
         return (
-            f"it {word} from {self.size} to {about.st_size} bytes while it was read: "
-            "something is still writing it"
+            f"the file {verb} from {self.size} to {status.st_size} bytes while it was read: "
+            "another process is writing it"
         )
 
     def find(self, marker: bytes, offset: int) -> int | None:
-        """The first place from `offset` with `marker`."""
-        length = WINDOW_BYTES  # the place is often near
+        """The first offset of `marker` from `offset` on; None if it does not occur."""
+        length = WINDOW_BYTES  # the marker is often near
         while offset < self.size:
-            at = self.peek(offset, length + len(marker) - 1).find(marker)
-            if at >= 0:
-                return offset + at
+            position = self.peek(offset, length + len(marker) - 1).find(marker)
+            if position >= 0:
+                return offset + position
             offset += length
             length = min(4 * length, CHUNK_BYTES)
         return None
 
     def count(self, marker: bytes, offset: int, end: int) -> int:
-        """How often `marker`, which does not overlap itself, is between `offset` and `end`."""
+        """Number of `marker`, which does not overlap itself, from `offset` to `end`."""
         overlap = len(marker) - 1
         return sum(
             self.peek(at, min(CHUNK_BYTES + overlap, end - at)).count(marker)
@@ -164,15 +164,15 @@ class ByteFile(AbstractContextManager["ByteFile"]):
 
 
 def suffix_of(path: Path) -> str:
-    """The suffix of `path`, in small letters; of ``job.frd.gz`` what comes out of it."""
+    """Suffix of `path` in lower case, without ``.gz``: ".frd" of ``job.frd.gz``."""
     packed = path.suffix.lower() == ".gz"
     return Path(path.stem if packed else path).suffix.lower()
 
 
 class _Unpacked:
-    """The content of a gzip file in a temporary `file`, which goes with the last who has this.
+    """Content of a gzip file in a temporary `file`, removed with the last reference.
 
-    On Linux it has no name, so that a kill leaves nothing.
+    On Linux the file has no name, so that a killed process leaves nothing.
     """
 
     def __init__(self, file: IO[bytes]) -> None:
@@ -181,7 +181,7 @@ class _Unpacked:
         self.path = Path(file.name) if named else _OPEN_FILES / str(file.fileno())
 
     def add(self, block: bytes, path: Path) -> None:
-        """Append what came out of `path`."""
+        """Append unpacked content of `path`."""
         try:
             self.file.write(block)
             self.file.flush()
@@ -190,13 +190,13 @@ class _Unpacked:
             raise ResultError(f"cannot be unpacked into {folder}", path) from error
 
     def __del__(self) -> None:
-        with suppress(OSError):  # of bytes for which there was no room
+        with suppress(OSError):  # unwritten bytes on a full disk
             self.file.close()
 
 
 @lru_cache(maxsize=1)
 def _unpacked(path: Path, size: int, written_ns: int) -> _Unpacked:
-    """The content of a gzip file of `size` bytes."""
+    """Content of a gzip file of `size` bytes."""
     small_bytes = SMALL_BYTES // (8 if suffix_of(path) in _READ_BY_LINES else 1)
     done = 0
     make = TemporaryFile if _OPEN_FILES.is_dir() else NamedTemporaryFile
@@ -207,8 +207,8 @@ def _unpacked(path: Path, size: int, written_ns: int) -> _Unpacked:
                 done += len(block)
                 read_bytes = min(size, raw.tell() + CHUNK_BYTES)
                 if done > max(small_bytes, MAX_RATIO * read_bytes):
-                    words = f"unpacks to more than {MAX_RATIO} times its {size} bytes"
-                    raise ResultError(f"{words}: no results", path)
+                    message = f"unpacks to more than {MAX_RATIO} times its {size} bytes"
+                    raise ResultError(f"{message}: no results", path)
                 unpacked.add(block, path)
     except (OSError, EOFError, zlib.error) as error:
         raise ResultError(f"cannot be unpacked: {error}", path) from error
@@ -216,121 +216,132 @@ def _unpacked(path: Path, size: int, written_ns: int) -> _Unpacked:
 
 
 def text_lines(path: Path) -> Iterator[tuple[int, str, bool]]:
-    """Number, text and whether a line end closes it, for each line, in bounded memory.
+    """Number and text of each line, and whether it has a line end, in bounded memory.
 
-    Bytes are read as Latin-1. What has no line ends (something else under a known
-    name, a hole that a full disk left) is refused after `LONGEST_LINE` bytes.
+    Bytes are decoded as Latin-1. `MAX_LINE_BYTES` without a line end (another format, a hole
+    that a full disk left) raise a `ResultError`.
     """
-    for first, piece, ended in text_runs(path):
+    for first, piece, closed in text_runs(path):
         lines = [piece] if isinstance(piece, str) else piece.tobytes().decode("ascii").splitlines()
         for number, line in enumerate(lines, start=first):
-            yield number, line, ended
+            yield number, line, closed
 
 
 def text_runs(path: Path) -> Iterator[tuple[int, str | Characters, bool]]:
-    """As `text_lines`; but lines of plain numbers, as long as the one before, come together.
+    """As `text_lines`, but lines of plain numbers of equal length are yielded together.
 
-    Of more than two blank lines the first and the last come, under their own numbers.
-    They are a table ``(line, byte)``, line ends among them, with the number of the first.
+    Such a group is an array ``(line, byte)`` with line ends, and the number of its first line.
+    Of a run of blank lines only the first and the last are yielded, with their numbers.
     """
     with ByteFile(path) as file:
-        text, at, begin, number = b"", 0, 0, 1  # `begin` is the offset of `text`
-        while begin + at < file.size:
-            end = text.find(b"\n", at, at + LONGEST_LINE + 1)
-            if end < 0 and begin + len(text) < file.size and len(text) - at <= LONGEST_LINE:
-                begin += at
-                text, at = file.take(begin, min(CHUNK_BYTES, file.size - begin)), 0
+        text, position, text_offset, number = b"", 0, 0, 1  # `begin` is the offset of `text`
+        while text_offset + position < file.size:
+            end = text.find(b"\n", position, position + MAX_LINE_BYTES + 1)
+            if (
+                end < 0
+                and text_offset + len(text) < file.size
+                and len(text) - position <= MAX_LINE_BYTES
+            ):
+                text_offset += position
+                text, position = (
+                    file.take(text_offset, min(CHUNK_BYTES, file.size - text_offset)),
+                    0,
+                )
                 continue
             if end < 0:
-                if len(text) - at > LONGEST_LINE:
+                if len(text) - position > MAX_LINE_BYTES:
                     raise ResultError(
-                        f"a line of more than {LONGEST_LINE} bytes beginning with "
-                        f"{text[at : at + 12]!r}: no text of a solver",
+                        f"a line of more than {MAX_LINE_BYTES} bytes, beginning with "
+                        f"{text[position : position + 12]!r}: not a text file of a solver",
                         path,
                         number,
                     )
-                yield number, text[at:].decode("latin-1"), False
+                yield number, text[position:].decode("latin-1"), False
                 return
-            line = text[at:end]
+            line = text[position:end]
             yield number, line.decode("latin-1").rstrip("\r"), True
-            size, at, number, look = end + 1 - at, end + 1, number + 1, 16
-            if not line.strip() and (blank := _BLANK.match(text, at)):  # of many, two are given
-                number += text.count(b"\n", at, blank.end())
-                at = blank.end()
+            size, position, number, look_ahead = end + 1 - position, end + 1, number + 1, 16
+            if not line.strip() and (blank := _BLANK.match(text, position)):  # yield two of many
+                number += text.count(b"\n", position, blank.end())
+                position = blank.end()
                 yield number - 1, "", True
                 continue
-            if text[at : at + size - 1].translate(None, _PLAIN):
-                continue  # the next line is no plain one
-            while text[at + size - 1 : at + size] == b"\n" and size > 1:
-                some = min(look, (len(text) - at) // size)
-                block, same = text[at : at + some * size], some
-                table = np.frombuffer(block, np.uint8).reshape(some, size)
+            if text[position : position + size - 1].translate(None, _PLAIN):
+                continue  # the next line has other characters
+            while text[position + size - 1 : position + size] == b"\n" and size > 1:
+                count = min(look_ahead, (len(text) - position) // size)
+                block, plain_count = text[position : position + count * size], count
+                table = np.frombuffer(block, np.uint8).reshape(count, size)
                 ends = table[:, -1] == ord("\n")
-                if not ends.all() or block.count(b"\n") > some or block.translate(None, _PLAIN):
-                    fine = _IS_PLAIN[table[:, :-1]].all(axis=1) & ends
-                    same = some if fine.all() else int(np.argmin(fine))
-                if same:
-                    yield number, table[:same], True
-                at, number, look = at + same * size, number + same, look * 4
-                if same < some:
+                if not ends.all() or block.count(b"\n") > count or block.translate(None, _PLAIN):
+                    is_plain = _IS_PLAIN[table[:, :-1]].all(axis=1) & ends
+                    plain_count = count if is_plain.all() else int(np.argmin(is_plain))
+                if plain_count:
+                    yield number, table[:plain_count], True
+                position, number, look_ahead = (
+                    position + plain_count * size,
+                    number + plain_count,
+                    look_ahead * 4,
+                )
+                if plain_count < count:
                     break
 
 
 def fixed_integers(characters: Characters) -> tuple[IntArray, BoolArray]:
-    """Right-justified integers ≥ 0, ``(row, width)`` -> ``(row,)``, and which rows are such."""
+    """Right-justified integers ≥ 0, ``(row, width)`` -> ``(row,)``, and which rows are valid."""
     value = np.zeros(len(characters), dtype=np.int64)
     begun = np.zeros(len(characters), dtype=np.bool_)
-    fine = np.ones(len(characters), dtype=np.bool_)
+    is_valid = np.ones(len(characters), dtype=np.bool_)
     columns = np.ascontiguousarray(characters.T)
     for column in columns[(columns != ord(" ")).any(axis=1).argmax() :]:
         number = column - ord("0")  # wraps below 0
         digit = number < 10
-        fine &= digit | (column == ord(" ")) & ~begun
+        is_valid &= digit | (column == ord(" ")) & ~begun
         begun |= digit
         value *= 10
         value += np.where(digit, number, 0)
-    return value, fine & begun
+    return value, is_valid & begun
 
 
 def fixed_floats(fields: Characters) -> tuple[FloatArray, BoolArray]:
-    """E12.5, E13.6 and the like, ``(field, width)`` -> ``(field,)``, and which are of that form.
+    """Numbers such as E12.5 and E13.6, ``(field, width)`` -> ``(field,)``, and which are valid.
 
-    The form is a sign or a blank, a digit, a point, at most six digits, E, a sign, two digits.
+    A valid field is a sign or blank, a digit, a point, up to six digits, E, a sign, two digits.
     """
     decimals = fields.shape[1] - 7
     columns = np.ascontiguousarray(fields.T)
-    sign, turn = columns[0], columns[-3]
+    sign, exponent_sign = columns[0], columns[-3]
     digits = columns[[1, *range(3, 3 + decimals), -2, -1]] - ord("0")  # wraps below 0
-    usual = (digits < 10).all(axis=0) & (columns[2] == ord(".")) & (columns[-4] | 32 == ord("e"))
-    usual &= (sign == ord(" ")) | (sign == ord("+")) | (sign == ord("-"))
-    usual &= (turn == ord("+")) | (turn == ord("-"))
-    whole = digits[0].astype(np.float64)
+    parsed = (digits < 10).all(axis=0) & (columns[2] == ord(".")) & (columns[-4] | 32 == ord("e"))
+    parsed &= (sign == ord(" ")) | (sign == ord("+")) | (sign == ord("-"))
+    parsed &= (exponent_sign == ord("+")) | (exponent_sign == ord("-"))
+    mantissa = digits[0].astype(np.float64)
     for digit in digits[1:-2]:
-        whole = 10.0 * whole + digit
+        mantissa = 10.0 * mantissa + digit
     power = (10 * digits[-2] + digits[-1]).astype(np.int64)
-    power = np.where(turn == ord("-"), -power, power) - decimals
+    power = np.where(exponent_sign == ord("-"), -power, power) - decimals
     # Seven digits times the head of a power are exact; its tail leaves one rounding.
     head, tail = _powers_of_ten()
-    place = np.where(usual, power, 0) - _LEAST_POWER
-    values: FloatArray = whole * head[place] + whole * tail[place]
+    index = np.where(parsed, power, 0) - _MIN_POWER
+    values: FloatArray = mantissa * head[index] + mantissa * tail[index]
     values[sign == ord("-")] *= -1.0
-    return values, usual
+    return values, parsed
 
 
 @cache
 def _powers_of_ten() -> tuple[FloatArray, FloatArray]:
-    """Powers from `_LEAST_POWER` on as sums of a head of few bits and a tail."""
-    powers = [Fraction(10) ** k for k in range(_LEAST_POWER, _MOST_POWER + 1)]
+    """Powers of ten from `_MIN_POWER` on, as sums of a head of few bits and a tail."""
+    powers = [Fraction(10) ** k for k in range(_MIN_POWER, _MAX_POWER + 1)]
     parts = [math.frexp(float(power)) for power in powers]
     heads = [math.ldexp(math.floor(math.ldexp(x, _HEAD_BITS)), e - _HEAD_BITS) for x, e in parts]
     tails = [float(power - Fraction(head)) for power, head in zip(powers, heads, strict=True)]
     return np.array(heads), np.array(tails)
 
 
-def _near(path: Path) -> str:
+def _near_names(path: Path) -> str:
     try:
         names = [other.name for other in path.parent.iterdir()]
     except OSError:
-        return f": there is no folder {path.parent}"
+        return f": no folder {path.parent}"
     near = get_close_matches(path.name, names, n=3)
-    return f"; near it: {', '.join(near)}" if near else ""
+    return f"; similar names: {', '.join(near)}" if near else ""

@@ -1,35 +1,35 @@
-"""From integration points to nodes: weights in an element, means over the elements of a layer.
+"""Extrapolation from integration points to nodes, and means over the elements of a layer.
 
-Marc stores stress at integration points, CalculiX prints it there; a node's value is made
-of them. The methods carry the names that Mentat gives them:
+Marc stores stress at integration points, CalculiX prints it there. The methods have Mentat's
+names:
 
-``linear``     from the mean over the element's points in a straight line through the nearest
-               point (the mean of those equally near): exact where stress is linear in the
-               element, and what Marc does
-``translate``  the value of the nearest point; of points equally near their mean
+``linear``     a straight line from the mean over the element's points through the nearest point
+               (the mean of equally near ones): exact for stress linear in the element, and the
+               rule of Marc
+``translate``  the value of the nearest point; the mean of equally near points
 ``average``    the mean over the element's points
 
-Marc's rule is not in its manuals. It was found on the nodal print of a public model of two
-bricks (github.com/nightly/fedes, ``models/Example-3D-beam-small``, ``Model1-output-Marc.70``
-beside its ``.t19``): at all 12 nodes the tensor is that of this rule, averaged over the
-elements. The constant in the print is 1.73, for sqrt(3), to its five digits, times a factor
-of 0.9992 to 1.0033 a node that is not explained; sqrt(3) itself is within 0.21 % of the
-greatest component and 0.19 % of each von Mises stress. The polynomial through the points, trilinear
-in a brick, would be 7 % away. Quadrilaterals and quadratic elements are taken to follow;
-wedges, whose points lie on no such line, keep their polynomial.
+Marc's manuals do not state its rule. It was derived from the nodal print of a public model of two
+bricks (github.com/nightly/fedes, ``models/Example-3D-beam-small``, ``Model1-output-Marc.70`` and
+its ``.t19``): at all 12 nodes the tensor follows this rule, averaged over the elements. The
+constant in the print is 1.73, for sqrt(3), to its five digits, times an unexplained factor of
+0.9992 to 1.0033 at each node; with sqrt(3) the result is within 0.21 % of the greatest component
+and 0.19 % of each von Mises stress. The polynomial through the points, trilinear in a brick,
+differs by 7 %. Quadrilaterals and quadratic elements are assumed to follow the same rule; wedges,
+whose points lie on no such line, use their polynomial.
 
-Order of points: xi fastest, then eta, then zeta, from -1 to +1; in triangles, tetrahedra
-and wedges point k is the one next to corner k. Known for the Marc types in `DOCUMENTED`; for
-the others of `ELEMENT_TYPES` it is inferred from their kin.
+Order of points: xi fastest, then eta, then zeta, from -1 to +1; in triangles, tetrahedra and
+wedges point k is next to corner k. This is known for the Marc types in `DOCUMENTED`, and inferred
+from related types for the others of `ELEMENT_TYPES`.
 
-A node's value is the mean over the elements there, each extrapolated to it: over those of
-one layer, never of two unasked. An element that has the node twice (a quadrilateral that
-is collapsed to a triangle) counts once, with the mean of its two corners.
+The value at a node is the mean of the values extrapolated from its elements, for each layer
+separately unless requested otherwise. An element that has the node twice (a quadrilateral
+collapsed to a triangle) counts once, with the mean of its two corners.
 
-Post revision 14 adds five numbers to an element. Two of them repeat what the file's list of
-geometric properties says (its number and kind); which of the others is the material is
-inferred (the first), so elements are of one layer only where all five are equal. Older
-files have none of them: there the deck beside the file says it, else its element sets.
+Post revision 14 has five more numbers for each element. Two of them repeat the number and kind in
+the file's list of geometric properties; the first of the others is inferred to be the material.
+Elements are in one layer only if all five are equal. Older files lack these numbers: there the
+materials in the deck of the same name are used, else the element sets.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -46,12 +46,12 @@ from fembridge.results.fields import Scene, SceneCells, numbers_near, rows_of
 from fembridge.results.marc_post import PostMesh
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
-UNKNOWN_LAYERS = "the file does not hold the materials of its elements"
+UNKNOWN_LAYERS = "the materials of the elements are unknown: no ids in the file, no deck, no sets"
 _LARGEST_DECK_BYTES = 200_000_000
-_SAME = 1.0e-9  # distances that differ by less are equal
+_DISTANCE_TOLERANCE = 1.0e-9  # in units of an element's local coordinates
 _GAUSS = {1: (0.0,), 2: (-(3**-0.5), 3**-0.5), 3: (-(0.6**0.5), 0.0, 0.6**0.5)}
 _TRIANGLE, _TETRAHEDRON = (2 / 3, 1 / 6), (0.5854101966249685, 0.1381966011250105)
-# Mid-side nodes: the pairs of corners (from 0) that they lie between.
+# Mid-side nodes: the pairs of corners (from 0) at their ends.
 _RING = ((0, 1), (1, 2), (2, 3), (3, 0))
 _MIDDLES = {
     "quad8": _RING,
@@ -62,19 +62,19 @@ _MIDDLES = {
     ),
 }  # fmt: skip
 FRD_ORDER: Mapping[str, list[int]] = {"hex20": [*range(12), *range(16, 20), *range(12, 16)]}
-"""Where a ``.frd`` has the nodes of a shape in another order than Marc, which has the
-mid-sides of a brick's top before those between."""
+"""Order of a shape's nodes in a ``.frd`` if it differs from Marc's, which has the mid-sides of a
+brick's top before those of its vertical edges."""
 _SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 _CUBE = (*((x, y, -1) for x, y in _SQUARE), *((x, y, 1) for x, y in _SQUARE))
-_POINTS_A_SIDE = {1: 1, 8: 2, 27: 3}  # of a brick
+_SIDE_POINTS = {1: 1, 8: 2, 27: 3}  # of a brick
 
 
 @dataclass(frozen=True, slots=True)
 class ElementType:
-    """An element type of Marc: `family`, corners, mid-side nodes, and its `points`.
+    """An element type of Marc: its `family`, number of `nodes` and of integration `points`.
 
-    `nodes` counts those that have values; a Herrmann element has one or more
-    pressure nodes behind them, which get none.
+    `nodes` are the corners and mid-side nodes, which have values; a Herrmann element has pressure
+    nodes after them, which have none.
     """
 
     family: str
@@ -83,7 +83,7 @@ class ElementType:
 
     @property
     def shape(self) -> str:
-        """Family and nodes in one word, ``quad4``."""
+        """Family and number of nodes, such as ``quad4``."""
         return f"{self.family}{self.nodes}"
 
 
@@ -107,80 +107,95 @@ ELEMENT_TYPES: Mapping[int, ElementType] = {
     **_types("tet", 10, 4, 127, 130),
     **_types("wedge", 6, 6, 136),
 }
-# Those whose count and order of points stand in a public source or a real file.
+# Types whose count and order of points are known from a public source or a real file.
 DOCUMENTED = frozenset({3, 6, 7, 11, 21, 27, 32, 54, 57, 114, 117, 118, 125, 127, 134,
                         136})  # fmt: skip
 
 
 def node_weights(number: int, nodes: int, stored: int, method: str) -> FloatArray:
-    """Weights ``(node, point)`` from what a file stores to an element's nodes; rows sum to 1.
+    """Weights ``(node, point)`` from stored points to an element's nodes; rows sum to 1.
 
-    `number` is Marc's of the element type, `nodes` counts the element's in the file, pressure
-    nodes among them: rows are those with values, the first ones. `stored` is how many points
-    the file has for each element: that of the type in it that has most; further ones of a
-    smaller type are not looked at. A single one where the type has more is the element's
-    mean (inferred: the deck then has no ``all points``). `method` is of `ReadOptions`.
+    Parameters
+    ----------
+    number
+        Marc's number of the element type.
+    nodes
+        Number of the element's nodes in the file, with pressure nodes. The first ones have
+        values and a row of weights.
+    stored
+        Number of points that the file stores for each element, that of the type with most; a
+        type with fewer points uses the first ones. A single point of a type with more is
+        assumed to be the element's mean (the deck then has no ``all points``).
+    method
+        As in `ReadOptions`.
 
     Raises
     ------
     ValueError
-        The type is unknown and `method` is not "average"; the file has some of its
-        points and not all; the element has too few nodes.
+        The type is unknown and `method` is not "average"; the file stores some of its points
+        but not all; the element has too few nodes.
     """
-    about = ELEMENT_TYPES.get(number)
-    if about is None:
+    element_type = ELEMENT_TYPES.get(number)
+    if element_type is None:
         if method != "average":
             raise ValueError(
-                f"element type {number}: where its integration points lie is not "
-                "known here; average of them is what can be had"
+                f"element type {number} has unknown integration points; average "
+                "(extrapolate='average') takes their mean"
             )
         return np.full((nodes, stored), 1.0 / stored)
-    if nodes < about.nodes:
-        raise ValueError(f"element type {number} with {nodes} nodes, expected {about.nodes}")
-    if 1 < stored < about.points:
+    if nodes < element_type.nodes:
+        raise ValueError(f"element type {number} with {nodes} nodes, expected {element_type.nodes}")
+    if 1 < stored < element_type.points:
         raise ValueError(
-            f"element type {number} has {about.points} integration points, the "
-            f"file stores {stored}: which they are is not known"
+            f"element type {number} has {element_type.points} integration points, of which the "
+            f"file stores {stored} unknown ones"
         )
-    used = min(stored, about.points)
-    weights = np.zeros((about.nodes, stored))
+    used = min(stored, element_type.points)
+    weights = np.zeros((element_type.nodes, stored))
     if method == "average" or used == 1:
         weights[:, :used] = 1.0 / used
         return weights
-    to, here = node_places(about), point_places(about.family, used)
-    if method == "linear" and about.family == "wedge":
-        weights[:, :used] = _wedge_terms(to) @ np.linalg.inv(_wedge_terms(here))
+    node_coordinates, point_coordinates = (
+        node_positions(element_type),
+        point_positions(element_type.family, used),
+    )
+    if method == "linear" and element_type.family == "wedge":
+        weights[:, :used] = _wedge_terms(node_coordinates) @ np.linalg.inv(
+            _wedge_terms(point_coordinates)
+        )
         return weights
-    away = np.linalg.norm(to[:, None, :] - here[None, :, :], axis=2)
-    nearest = (away <= away.min(axis=1, keepdims=True) + _SAME).astype(np.float64)
+    distances = np.linalg.norm(node_coordinates[:, None, :] - point_coordinates[None, :, :], axis=2)
+    nearest = (distances <= distances.min(axis=1, keepdims=True) + _DISTANCE_TOLERANCE).astype(
+        np.float64
+    )
     nearest /= nearest.sum(axis=1, keepdims=True)
     if method == "linear":
-        middle = here.mean(axis=0)
-        reach = np.linalg.norm(to - middle, axis=1) / np.linalg.norm(
-            nearest @ here - middle, axis=1
+        center = point_coordinates.mean(axis=0)
+        relative_distance = np.linalg.norm(node_coordinates - center, axis=1) / np.linalg.norm(
+            nearest @ point_coordinates - center, axis=1
         )
-        nearest = 1.0 / used + reach[:, None] * (nearest - 1.0 / used)
+        nearest = 1.0 / used + relative_distance[:, None] * (nearest - 1.0 / used)
     weights[:, :used] = nearest
     return weights
 
 
-def node_places(about: ElementType) -> FloatArray:
-    """Where the nodes lie, ``(node, axis)``: in xi, eta, zeta from -1 to 1.
+def node_positions(element_type: ElementType) -> FloatArray:
+    """Local coordinates of the nodes, ``(node, axis)``: xi, eta, zeta from -1 to 1.
 
-    A triangle and a tetrahedron have one axis a corner, 1 there and 0 at the
-    others; a wedge the three of its triangle, and zeta.
+    A triangle and a tetrahedron have an axis for each corner, 1 there and 0 at the others; a
+    wedge has the three axes of its triangle, and zeta.
     """
-    corners = _corners(about.family)
-    middle = [corners[list(pair)].mean(axis=0) for pair in _MIDDLES.get(about.shape, ())]
-    return np.array([*corners, *middle])
+    corners = _corners(element_type.family)
+    middles = [corners[list(pair)].mean(axis=0) for pair in _MIDDLES.get(element_type.shape, ())]
+    return np.array([*corners, *middles])
 
 
-def point_places(family: str, points: int) -> FloatArray:
-    """Where the integration points lie, ``(point, axis)``, as `node_places`."""
+def point_positions(family: str, points: int) -> FloatArray:
+    """Local coordinates of the integration points, ``(point, axis)``, as `node_positions`."""
     corners = _corners(family)
     if points == 1:
-        middle: FloatArray = corners.mean(axis=0, keepdims=True)
-        return middle
+        center: FloatArray = corners.mean(axis=0, keepdims=True)
+        return center
     if family == "wedge":
         far, near = _TRIANGLE
         flat = np.full((3, 3), near) + (far - near) * np.eye(3)
@@ -190,28 +205,27 @@ def point_places(family: str, points: int) -> FloatArray:
         return np.full((points, points), near) + (far - near) * np.eye(points)
     axes = 2 if family == "quad" else 3
     side = _GAUSS[round(points ** (1 / axes))]
-    return np.array([place[::-1] for place in product(side, repeat=axes)])
+    return np.array([position[::-1] for position in product(side, repeat=axes)])
 
 
 def brick_weights(shape: str, points: int, corner: int) -> FloatArray:
     """Weights ``(points,)`` from the points of a brick to a node of "quad8", "hex20", ...
 
-    The polynomial through the points, product of one a direction: constant of one point,
-    linear of two, quadratic of three. CalculiX makes a brick of a plane element too: its
-    points are equal through the thickness but for rounding, and their mean is taken.
-    `corner` counts nodes as a ``.frd`` has them. A shape, or a number of its points, that is
-    not known here is a ValueError.
+    The polynomial through the points, a product of one in each direction: constant for one point,
+    linear for two, quadratic for three. CalculiX expands a plane element to a brick, whose points
+    are equal through the thickness except for rounding; their mean is used. `corner` is the index
+    of the node in a ``.frd``. An unknown shape or number of points raises a ValueError.
     """
-    if shape not in ("quad4", "quad8", "hex8", "hex20") or points not in _POINTS_A_SIDE:
+    if shape not in ("quad4", "quad8", "hex8", "hex20") or points not in _SIDE_POINTS:
         raise ValueError(f"{shape} with {points} integration points is not extrapolated")
     family, nodes = ("quad", shape[4:]) if shape.startswith("quad") else ("hex", shape[3:])
-    places = node_places(ElementType(family, int(nodes), points))
-    place = places[FRD_ORDER.get(shape, slice(None))][corner]
-    side = _POINTS_A_SIDE[points]
+    positions = node_positions(ElementType(family, int(nodes), points))
+    position = positions[FRD_ORDER.get(shape, slice(None))][corner]
+    side = _SIDE_POINTS[points]
     gauss = _GAUSS[side]
     factors = [
         np.array([np.prod([(x - b) / (a - b) for b in gauss if b != a]) for a in gauss])
-        for x in place.tolist()
+        for x in position.tolist()
     ]
     if len(factors) == 2:
         factors.append(np.full(side, 1.0 / side))
@@ -227,57 +241,57 @@ def _corners(family: str) -> FloatArray:
     return np.array(_SQUARE if family == "quad" else _CUBE, dtype=np.float64)
 
 
-def _wedge_terms(places: FloatArray) -> FloatArray:
-    """Terms of the polynomial through a wedge's points, ``(place, term)``."""
-    flat, z = places[:, :3], places[:, 3:]
+def _wedge_terms(positions: FloatArray) -> FloatArray:
+    """Terms of the polynomial through a wedge's points, ``(position, term)``."""
+    flat, z = positions[:, :3], positions[:, 3:]
     return np.hstack([flat, flat * z])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layers:
-    """The layer of each element: `layer` ``(E,)`` counts from 0, `names` by it.
+    """Layer of each element: `layer` ``(E,)`` is an index from 0 into `names`.
 
-    Without `known` the file does not say: all elements then are layer 0.
+    Without `is_known` the layers are unknown, and all elements are in layer 0.
     """
 
     layer: IntArray
     names: tuple[str, ...]
-    known: bool = True
+    is_known: bool = True
 
 
-def layers_of(mesh: PostMesh, path: Path) -> Layers:
+def find_layers(mesh: PostMesh, path: Path) -> Layers:
     """Layers of a mesh of the post file `path`."""
     count = mesh.element_ids.size
-    sets = [one for one in mesh.sets if one.kind == "element"]
-    member = np.array([np.isin(mesh.element_ids, one.members) for one in sets], dtype=bool)
+    sets = [entry for entry in mesh.sets if entry.kind == "element"]
+    member = np.array([np.isin(mesh.element_ids, entry.members) for entry in sets], dtype=bool)
     if mesh.extras.shape[1] and count:
         ids, layer = np.unique(mesh.extras, axis=0, return_inverse=True)
         layer = layer.reshape(-1)
         names = [f"elements with ids {' '.join(map(str, row))}" for row in ids.tolist()]
-        for number in range(len(names)):  # named by a set of just its elements
+        for number in range(len(names)):  # the name of a set with the same elements
             same = [k for k in range(len(sets)) if np.array_equal(member[k], layer == number)]
             names[number] = sets[same[0]].name if same else names[number]
         return Layers(layer, tuple(names))
-    beside = _materials_beside(path, mesh.element_ids)
-    if beside is not None:
-        return beside
+    deck_layers = _deck_layers(path, mesh.element_ids)
+    if deck_layers is not None:
+        return deck_layers
     if not member.size:
-        return Layers(np.zeros(count, dtype=np.int64), ("all elements",), known=False)
+        return Layers(np.zeros(count, dtype=np.int64), ("all elements",), is_known=False)
     columns, first, layer = np.unique(member, axis=1, return_index=True, return_inverse=True)
-    order = np.argsort(first)  # as they come in the file
-    named = (
-        " and ".join(one.name for one, is_in in zip(sets, column, strict=True) if is_in)
+    order = np.argsort(first)  # file order
+    set_names = (
+        " and ".join(entry.name for entry, is_in in zip(sets, column, strict=True) if is_in)
         for column in columns.T[order]
     )
-    names = [name or "no element set" for name in named]
+    names = [name or "no element set" for name in set_names]
     return Layers(np.argsort(order)[layer.reshape(-1)], tuple(names))
 
 
-def _materials_beside(path: Path, element_ids: IntArray) -> Layers | None:
-    """Layers by the materials of the deck that has the stem of the post file `path`.
+def _deck_layers(path: Path, element_ids: IntArray) -> Layers | None:
+    """Layers by the materials in the deck of the same name as the post file `path`.
 
-    None without one, or where it does not have all elements (it is another model's). From
-    input version 14 on ``connectivity`` has the material; before, a material lists elements.
+    None without a deck, or if it lacks elements (a deck of another model). From input version 14
+    on ``connectivity`` has the material; before, a material lists its elements.
     """
     from decks.marc.contents import read_marc_deck
     from decks.marc.grammar import is_marc_deck
@@ -293,24 +307,25 @@ def _materials_beside(path: Path, element_ids: IntArray) -> Layers | None:
     number_of: dict[int, int] = {}
     for block in deck.elements:
         number_of.update(dict.fromkeys(block.number.tolist(), block.material))
-    for one in materials:
-        number_of.update(dict.fromkeys(one.elements, one.number))
+    for material in materials:
+        number_of.update(dict.fromkeys(material.elements, material.number))
     numbers = np.array([number_of.get(element, 0) for element in element_ids.tolist()])
     if not numbers.all() or not numbers.size:
         return None
     used, layer = np.unique(numbers, return_inverse=True)
-    names = {one.number: one.name for one in materials}
-    named = tuple(names.get(number) or f"material {number}" for number in used.tolist())
-    return Layers(layer.reshape(-1), named)
+    names = {material.number: material.name for material in materials}
+    layer_names = tuple(names.get(number) or f"material {number}" for number in used.tolist())
+    return Layers(layer.reshape(-1), layer_names)
 
 
 class MeshPoints:
-    """Nodes of `mesh`, all or those `wanted`; a point is a node as one layer has it.
+    """Mesh points, one for each node and layer, of all nodes of `mesh` or those `requested`.
 
-    `rows` ``(P,)`` are the points' nodes in the mesh, `nodes` their numbers, `met` how many
-    layers meet there; they come by layer, then by row. `element_rows` ``(K,)`` are the elements
-    at them, whose values at `stored` points each `averaged` takes; `bearing` ``(N,)`` the nodes
-    that are corners of elements with values.
+    `rows` ``(P,)`` are the rows of the points' nodes in the mesh, `nodes` their numbers,
+    `material_count` the number of layers at the node; points are sorted by layer, then by row.
+    `element_rows` ``(K,)`` are the elements at the points, whose values at `stored` points each
+    are the argument of `average`. `has_values` ``(N,)`` marks nodes at corners of elements with
+    values.
     """
 
     def __init__(
@@ -319,196 +334,206 @@ class MeshPoints:
         path: Path,
         method: str,
         stored: int,
-        wanted: Sequence[int] | None = None,
+        requested: Sequence[int] | None = None,
     ) -> None:
         self.mesh, self.path, self._method, self._stored = mesh, path, method, stored
-        self.layers = layers_of(mesh, path)
+        self.layers = find_layers(mesh, path)
         self.element_rows: IntArray = np.arange(mesh.element_ids.size)
-        if wanted is not None:
-            self.element_rows = np.flatnonzero(np.isin(mesh.connectivity, wanted).any(axis=1))
+        if requested is not None:
+            self.element_rows = np.flatnonzero(np.isin(mesh.connectivity, requested).any(axis=1))
         types = mesh.element_types[self.element_rows]
         unknown = types[~np.isin(types, list(ELEMENT_TYPES))]
         self.unknown_types: list[int] = np.unique(unknown).tolist()
         self._groups = list(self._grouped())
         keys = [np.empty(0, np.int64)]
-        for one in self._groups:
-            here = slice(None) if wanted is None else np.isin(one.nodes, wanted)
-            keys.append(one.keys[here].ravel())
+        for group in self._groups:
+            is_requested = slice(None) if requested is None else np.isin(group.nodes, requested)
+            keys.append(group.keys[is_requested].ravel())
         self._keys: IntArray = np.unique(np.concatenate(keys))
         self._layer, self.rows = np.divmod(self._keys, max(mesh.node_ids.size, 1))
         self.nodes: IntArray = mesh.node_ids[self.rows]
-        self.met: IntArray = np.bincount(self.rows, minlength=mesh.node_ids.size)[self.rows]
-        self.bearing: BoolArray = np.zeros(mesh.node_ids.size, dtype=bool)
-        self.bearing[self.rows] = True
+        self.material_count: IntArray = np.bincount(self.rows, minlength=mesh.node_ids.size)[
+            self.rows
+        ]
+        self.has_values: BoolArray = np.zeros(mesh.node_ids.size, dtype=bool)
+        self.has_values[self.rows] = True
 
     def _grouped(self) -> Iterator["_Group"]:
-        """The elements, those of one type and count of nodes together."""
+        """Elements grouped by type and number of nodes."""
         mesh, rows = self.mesh, self.element_rows
         keys = np.stack([mesh.element_types[rows], (mesh.connectivity[rows] != 0).sum(axis=1)], 1)
         for number, count in np.unique(keys, axis=0).tolist():
-            some = rows[(keys == (number, count)).all(axis=1)]
-            about = ELEMENT_TYPES.get(number)
+            selected = rows[(keys == (number, count)).all(axis=1)]
+            element_type = ELEMENT_TYPES.get(number)
             corners = count if self._method == "average" else 0  # of an unknown type
-            if about is not None:
-                corners = about.nodes if count >= about.nodes else 0
-            nodes = mesh.connectivity[some][:, :corners]
+            if element_type is not None:
+                corners = element_type.nodes if count >= element_type.nodes else 0
+            nodes = mesh.connectivity[selected][:, :corners]
             row = rows_of(nodes, mesh.node_ids)
             if (row < 0).any():
                 k, corner = np.argwhere(row < 0)[0]
                 raise ResultError(
-                    f"element {mesh.element_ids[some[k]]} has node {nodes[k, corner]}, which "
-                    "has no coordinates in the file",
+                    f"element {mesh.element_ids[selected[k]]} has node {nodes[k, corner]} without "
+                    "coordinates",
                     self.path,
                 )
-            layer = self.layers.layer[some, None]
-            yield _Group(number, count, some, nodes, layer * mesh.node_ids.size + row)
+            layer = self.layers.layer[selected, None]
+            yield _Group(number, count, selected, nodes, layer * mesh.node_ids.size + row)
 
-    def names_at(self, node: int) -> list[str]:
+    def layer_names(self, node: int) -> list[str]:
         """Names of the layers at a node."""
-        return [self.layers.names[one] for one in self._layer[self.nodes == node].tolist()]
+        return [self.layers.names[layer] for layer in self._layer[self.nodes == node].tolist()]
 
     def sides(self) -> Iterator[tuple[int, tuple[int, ...]]]:
-        """The layer of each point, and the elements of that layer there."""
+        """Layer of each point, and the elements of that layer at the point."""
         for key, layer in zip(self._keys.tolist(), self._layer.tolist(), strict=True):
-            at = [one.rows[(one.keys == key).any(axis=1)] for one in self._groups]
-            yield layer, tuple(self.mesh.element_ids[np.sort(np.concatenate(at))].tolist())
+            rows = [group.rows[(group.keys == key).any(axis=1)] for group in self._groups]
+            yield layer, tuple(self.mesh.element_ids[np.sort(np.concatenate(rows))].tolist())
 
     def pressure_nodes(self) -> BoolArray:
-        """Nodes that only come behind the corners of elements, ``(N,)``."""
+        """Whether each node occurs only after the corners of elements, ``(N,)``."""
         mesh = self.mesh
-        unknown = np.isin(mesh.element_types, self.unknown_types)  # any of theirs may be a corner
-        drawn = self.bearing | np.isin(mesh.node_ids, mesh.connectivity[unknown])
+        unknown = np.isin(mesh.element_types, self.unknown_types)  # their nodes may be corners
+        drawn = self.has_values | np.isin(mesh.node_ids, mesh.connectivity[unknown])
         return np.isin(mesh.node_ids, mesh.connectivity) & ~drawn
 
     def scene(self) -> Scene:
-        """The mesh as pictures want it."""
+        """Mesh for ParaView."""
         cells: dict[str, list[tuple[IntArray, IntArray, IntArray]]] = {}
-        for one in self._groups:
-            if one.number in self.unknown_types or not one.keys.size:
+        for group in self._groups:
+            if group.number in self.unknown_types or not group.keys.size:
                 continue
-            shape = ELEMENT_TYPES[one.number].shape
-            corners = np.searchsorted(self._keys, one.keys)[:, FRD_ORDER.get(shape, slice(None))]
-            cell = self.mesh.element_ids[one.rows], self.layers.layer[one.rows], corners
+            shape = ELEMENT_TYPES[group.number].shape
+            corners = np.searchsorted(self._keys, group.keys)[:, FRD_ORDER.get(shape, slice(None))]
+            cell = self.mesh.element_ids[group.rows], self.layers.layer[group.rows], corners
             cells.setdefault(shape, []).append(cell)
         return Scene(
             points_mm=self.mesh.coordinates_mm[self.rows],
             nodes=self.nodes,
             cells=tuple(
-                SceneCells(kind, *map(np.concatenate, zip(*some, strict=True)))
-                for kind, some in cells.items()
+                SceneCells(kind, *map(np.concatenate, zip(*parts, strict=True)))
+                for kind, parts in cells.items()
             ),
-            met=self.met,
+            material_count=self.material_count,
             materials=dict(enumerate(self.layers.names)),
         )
 
-    def averaged(self, values: FloatArray) -> FloatArray:
-        """Mean at the points, ``(P, C)``, of values ``(K, point, C)`` carried there.
+    def average(self, values: FloatArray) -> FloatArray:
+        """Mean at the mesh points, ``(P, C)``, of values ``(K, point, C)`` of elements.
 
-        A point that no node looks at may hold anything, NaN too.
+        An integration point without weight may have any value, also NaN.
         """
         plan = self.plan
         carried = [
-            np.einsum("np,kpc->knc", weights, values[place][:, used])[here]
-            for place, weights, used, here in plan.groups
+            np.einsum("np,kpc->knc", weights, values[elements][:, used])[is_selected]
+            for elements, weights, used, is_selected in plan.groups
         ]
         if not self._keys.size:
             return np.zeros((0, values.shape[2]))
-        every = np.concatenate(carried)[plan.order] * plan.share[:, None]
-        total = np.add.reduceat(every, plan.starts, axis=0)
+        contributions = np.concatenate(carried)[plan.order] * plan.share[:, None]
+        total = np.add.reduceat(contributions, plan.starts, axis=0)
         mean: FloatArray = total / plan.elements[:, None]
         return mean
 
     @cached_property
     def plan(self) -> "_Plan":
-        """How values get here."""
-        groups, at, share = [], [np.empty(0, np.int64)], [np.empty(0)]
-        for one in self._groups:
+        """Weights and order of the averaging."""
+        groups, points_by_group, shares_by_group = [], [np.empty(0, np.int64)], [np.empty(0)]
+        for group in self._groups:
             try:
-                weights = node_weights(one.number, one.held, self._stored, self._method)
+                weights = node_weights(group.number, group.node_count, self._stored, self._method)
             except ValueError as error:
-                element = self.mesh.element_ids[one.rows[0]]
+                element = self.mesh.element_ids[group.rows[0]]
                 raise ResultError(f"element {element}: {error}", self.path) from error
             used = (weights != 0).any(axis=0)
-            here = np.isin(one.keys, self._keys)
+            is_selected = np.isin(group.keys, self._keys)
             groups.append(
-                (np.searchsorted(self.element_rows, one.rows), weights[:, used], used, here)
+                (
+                    np.searchsorted(self.element_rows, group.rows),
+                    weights[:, used],
+                    used,
+                    is_selected,
+                )
             )
-            at.append(np.searchsorted(self._keys, one.keys[here]))
-            # An element that is collapsed has a node at two corners: with the mean of both.
-            times = (one.nodes[:, :, None] == one.nodes[:, None, :]).sum(axis=2)
-            share.append(1.0 / times[here])
-        places, shares = np.concatenate(at), np.concatenate(share)
-        order = np.argsort(places, kind="stable")
-        starts = np.searchsorted(places[order], np.arange(self._keys.size))
-        elements = np.bincount(places, shares, self._keys.size).astype(np.float64)
+            points_by_group.append(np.searchsorted(self._keys, group.keys[is_selected]))
+            # A collapsed element has a node at two corners and contributes the mean of both.
+            times = (group.nodes[:, :, None] == group.nodes[:, None, :]).sum(axis=2)
+            shares_by_group.append(1.0 / times[is_selected])
+        points, shares = np.concatenate(points_by_group), np.concatenate(shares_by_group)
+        order = np.argsort(points, kind="stable")
+        starts = np.searchsorted(points[order], np.arange(self._keys.size))
+        elements = np.bincount(points, shares, self._keys.size).astype(np.float64)
         return _Plan(groups, order, shares[order], starts, elements)
 
-    def one_a_node(self, at_points: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Rows of the nodes, and the mean over all elements there, of values at the points."""
-        rows, place, layers = np.unique(self.rows, return_inverse=True, return_counts=True)
-        if layers.size == place.size:
+    def node_means(self, at_points: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Rows of the nodes, and at each the mean over all its elements of `at_points`."""
+        rows, index, layer_counts = np.unique(self.rows, return_inverse=True, return_counts=True)
+        if layer_counts.size == index.size:
             return rows, at_points[np.argsort(self.rows)]
         total = np.zeros((rows.size, at_points.shape[1]))
-        np.add.at(total, place, at_points * self.plan.elements[:, None])
-        found = total / np.bincount(place, self.plan.elements, rows.size)[:, None]
-        single = layers[place] == 1
-        found[place[single]] = at_points[single]
-        return rows, found
+        np.add.at(total, index, at_points * self.plan.elements[:, None])
+        means = total / np.bincount(index, self.plan.elements, rows.size)[:, None]
+        is_single = layer_counts[index] == 1
+        means[index[is_single]] = at_points[is_single]
+        return rows, means
 
-    def no_elements(self, node: int) -> ResultError:
-        """The error of a node that is at no element with values."""
-        known = self.mesh.node_ids
-        if node in known:
+    def no_elements_error(self, node: int) -> ResultError:
+        """Error about a node at no element with values."""
+        node_ids = self.mesh.node_ids
+        if node in node_ids:
             return ResultError(
-                f"node {node} is a corner of no element with values: a pressure node, or one that "
-                "stands alone",
+                f"node {node} is not a corner of an element with values: a pressure node, or a "
+                "node without elements",
                 self.path,
             )
-        words = "none"
-        if known.size:
-            words = f"it has {known.min()} to {known.max()}, near it {numbers_near(known, node)}"
-        return ResultError(f"no node {node} in the mesh: {words}", self.path)
+        message = "none"
+        if node_ids.size:
+            near = numbers_near(node_ids, node)
+            message = f"the mesh has {node_ids.min()} to {node_ids.max()}, nearest {near}"
+        return ResultError(f"no node {node} in the mesh: {message}", self.path)
 
     def remarks(self) -> Iterator[str]:
-        """What was inferred about the elements and their points."""
+        """Assumptions about the elements and their integration points."""
         stored = self._stored
         for number in np.unique(self.mesh.element_types[self.element_rows]).tolist():
-            about = ELEMENT_TYPES.get(number)
-            if about is None:
-                yield f"element type {number} is not known: the mean of its points"
+            element_type = ELEMENT_TYPES.get(number)
+            if element_type is None:
+                yield f"element type {number} is unknown: the mean of its points is taken"
                 continue
-            has = f"element type {number} has {about.points} integration points, the file stores"
-            if number not in DOCUMENTED and about.points > 1:
+            points = element_type.points
+            prefix = f"element type {number} has {points} integration points, the file stores"
+            if number not in DOCUMENTED and element_type.points > 1:
                 yield (
                     f"element type {number}: count and order of its integration points are "
-                    "inferred from its kin"
+                    "inferred from related types"
                 )
-            if stored == 1 < about.points:
-                yield f"{has} 1: taken as the element's mean (the deck has no 'all points')"
-            if stored > about.points:
-                yield f"{has} {stored} for each element: the first {about.points} taken"
+            if stored == 1 < element_type.points:
+                yield f"{prefix} 1: taken as the element's mean (the deck has no 'all points')"
+            if stored > element_type.points:
+                yield f"{prefix} {stored} for each element: the first {element_type.points} taken"
 
 
 class _Group(NamedTuple):
-    """Elements of one type: rows ``(K,)``, and the nodes ``(K, corner)`` that have values.
+    """Elements of one type: rows ``(K,)``, and their nodes with values ``(K, corner)``.
 
-    `held` counts an element's nodes, pressure nodes among them; there are no corners where it
-    is not known where its points lie. `keys` are layer and row of each corner as one number.
+    `node_count` is the number of an element's nodes, with pressure nodes. A type with unknown
+    integration points has no corners. `keys` are layer and row of each corner as one number.
     """
 
     number: int
-    held: int
+    node_count: int
     rows: IntArray
     nodes: IntArray
     keys: IntArray
 
 
 class _Plan(NamedTuple):
-    """How values get from integration points to the points of a mesh: found once.
+    """Weights and order of the averaging from integration points to mesh points.
 
-    Of each group the places of its elements, weights ``(corner, used point)``, which points are
-    used and which corners are wanted; then the order of all corners by point, how much of its
-    element each is, where each point begins, and how many elements it has.
+    `groups` has for each group the indices of its elements, the weights ``(corner, used point)``,
+    the used points and the requested corners. `order` sorts all corners by mesh point, `share` is
+    the share of each corner in its element, `starts` the first corner of each mesh point and
+    `elements` the number of its elements.
     """
 
     groups: list[tuple[IntArray, FloatArray, BoolArray, BoolArray]]

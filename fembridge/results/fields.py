@@ -1,4 +1,4 @@
-"""Whole fields of any result format: a quantity at all nodes, and the mesh they are on."""
+"""Fields of any result format: a quantity at all nodes, and the mesh of the nodes."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,28 +8,28 @@ from typing import Any
 import numpy as np
 
 from fembridge.errors import UsageError
+from fembridge.host.store import replacing
+from fembridge.io.text_table import write_table
 from fembridge.results import history
-from fembridge.results.stress import DERIVED, TENSOR
-from fembridge.store import replacing
-from fembridge.tables import write_table
+from fembridge.results.von_mises import DERIVED, TENSOR
 from fembridge.trace import MS_PER_S
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 Key = tuple[int, int]  # step and increment, or mode
 
-VERTEX = "vertex"  # kind of a cell that is a node alone
-TIMES_IN_MS = "<!-- fembridge: times in ms -->"  # of our PVD; others' have s
+VERTEX = "vertex"  # kind of a cell of one node
+TIMES_IN_MS = "<!-- fembridge: times in ms -->"  # in a PVD of fembridge; others are in s
 _LARGEST_NODE = 1 << 62
 FIELD_SUFFIXES = (".npz", ".csv")
 
 
 @dataclass(slots=True)
-class Block:
+class FieldBlock:
     """A quantity at one output of a file.
 
-    `key` joins the blocks of an output. `axis` says what `value` is, as the file has it: the
-    time in s (`history.TIME`), or of a mode its frequency, ... `units` has one word a
-    component, as those of a `Field`.
+    All blocks of an output have the same `key`. `axis` names the quantity of `value`, which is
+    in the unit of the file: time in s (`history.TIME`); for a mode its frequency or buckling
+    factor. `units` has one unit for each component, as in a `Field`.
     """
 
     name: str
@@ -40,21 +40,34 @@ class Block:
     units: tuple[str, ...]
 
     @property
-    def at(self) -> float:
-        """Its time in ms, or the value of a mode."""
+    def axis_value(self) -> float:
+        """Time in ms, or the frequency or factor of a mode."""
         return self.value * MS_PER_S if self.axis == history.TIME else self.value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Field:
-    """A quantity at all its nodes: `values` ``(N, component)`` at `nodes` ``(N,)``.
+    """A quantity at all its nodes, in one increment or mode; arrays are read-only.
 
-    Nodes are in file order: not always sorted, and some duplicate, where the deck
-    restricts the output to a set. `units` has one word a component, "" where the
-    quantity names none (values then are the file's). A mode of a frequency or
-    buckling analysis has no time: its `time_ms` is NaN, `increment` the number of
-    the mode, `axis_value` its frequency or factor, and `axis` says which.
-    Arrays are read-only.
+    Parameters
+    ----------
+    name
+        Name of the quantity in the file.
+    step, increment
+        Numbers of the step and increment; `increment` is the number of a mode.
+    time_ms
+        Time in ms; NaN for a mode.
+    components, units
+        Name and unit of each component. A unit "" is unknown: values are as in the file.
+    nodes
+        Node numbers ``(N,)`` in file order: not always sorted, and with duplicates if the deck
+        restricts the output to a set.
+    values
+        Values ``(N, component)``.
+    axis
+        Quantity of `axis_value`. Default: "total time".
+    axis_value
+        Frequency or buckling factor of a mode. Default: NaN.
     """
 
     name: str
@@ -77,13 +90,15 @@ class Field:
     def component(self, name: str) -> FloatArray:
         """Values of one component, ``(N,)``."""
         if name not in self.components:
-            held = ", ".join(self.components)
-            raise UsageError(f"{self.name} has no component {name!r}, it has {held}")
+            available = ", ".join(self.components)
+            raise UsageError(
+                f"is {name!r}, expected a component of {self.name}: {available}", argument="name"
+            )
         column: FloatArray = self.values[:, self.components.index(name)]
         return column
 
-    def at(self, nodes: Sequence[int]) -> FloatArray:
-        """Values at `nodes`, ``(node, component)``; of duplicates the first."""
+    def values_at(self, nodes: Sequence[int]) -> FloatArray:
+        """Values at `nodes`, ``(node, component)``; the first of duplicates."""
         rows = rows_of(np.array(node_numbers(nodes), dtype=np.int64), self.nodes)
         if (rows < 0).any():
             raise UsageError(
@@ -99,7 +114,7 @@ class SceneCells:
     """Elements of one `kind` (``quad4``, see `frd.KIND_OF_TYPE`) as rows of points.
 
     `ids` and `material` are ``(M,)``, `rows` ``(M, k)`` in the order of a ``.frd``, see
-    `frd.ElementRows`. Material -1 is an unknown one.
+    `frd.ElementRows`. Material -1 is unknown.
     """
 
     kind: str
@@ -112,48 +127,49 @@ class SceneCells:
 class Scene:
     """A mesh: `points_mm` ``(P, 3)`` with the numbers `nodes` ``(P,)``, `cells` by kind.
 
-    Of Marc's a node may be a point of each material there. `met` ``(P,)`` counts the
-    materials at a node, over which stress is a mean; `materials` names them.
+    In a Marc file a node has one point for each material. `material_count` ``(P,)`` is the
+    number of materials at a node, over which stress is averaged; `materials` are their names.
     """
 
     points_mm: FloatArray
     nodes: IntArray
     cells: tuple[SceneCells, ...]
-    met: IntArray
+    material_count: IntArray
     materials: Mapping[int, str]
 
 
 Frames = tuple[Scene, bool, Iterator[tuple[float, Mapping[str, FloatArray]]]]
-"""A mesh, whether it is over time, and of each increment its time in ms, or the value of a mode,
-and what is at the points: ``(P,)`` or ``(P, component)``, NaN where there is none, by names that
-carry the unit, as `arrays_of` makes them."""
+"""A mesh, whether its increments have times, and for each increment its time in ms (or the
+frequency or factor of a mode) and arrays at the points by name, ``(P,)`` or ``(P, component)``,
+NaN where a point has no value; `named_arrays` makes the names."""
 
 
 def write_field(path: Path, field: Field) -> None:
-    """Write `field` as ``.npz`` or ``.csv``, as the suffix says.
+    """Write `field` as ``.npz`` or ``.csv``, depending on the suffix.
 
-    A CSV has a row for each node, with units in the names of its columns. An NPZ
+    A CSV has a row for each node and units in its column names. An NPZ
     has ``nodes``, ``values``, ``components``, ``units``, ``quantity``, ``step``,
     ``increment``, ``axis``, ``axis_value`` and ``time_ms``.
     """
     suffix = path.suffix.lower()
     if suffix not in FIELD_SUFFIXES:
-        raise UsageError(f"{path}: expected a name in {' or '.join(FIELD_SUFFIXES)}")
+        suffixes = " or ".join(FIELD_SUFFIXES)
+        raise UsageError(f"is {path}, expected a name in {suffixes}", argument="output")
     if suffix == ".csv":
         rows = zip(field.nodes.tolist(), field.values, strict=True)
         header = ("node", *history.column_names(field.components, field.units))
         write_table(path, header, ((node, *values.tolist()) for node, values in rows))
         return
-    named = ("step", "increment", "time_ms", "axis", "axis_value", "components", "units")
-    held: dict[str, Any] = {name: np.array(getattr(field, name)) for name in named}
+    attributes = ("step", "increment", "time_ms", "axis", "axis_value", "components", "units")
+    arrays: dict[str, Any] = {name: np.array(getattr(field, name)) for name in attributes}
     with replacing(path) as draft, draft.open("wb") as out:
         np.savez_compressed(
-            out, quantity=np.array(field.name), nodes=field.nodes, values=field.values, **held
+            out, quantity=np.array(field.name), nodes=field.nodes, values=field.values, **arrays
         )
 
 
-def arrays_of(field: Field) -> dict[str, FloatArray]:
-    """`field` as arrays whose names carry the unit; of several units one a component."""
+def named_arrays(field: Field) -> dict[str, FloatArray]:
+    """`field` as arrays by name with unit; a field of several units has one array a component."""
     if len(set(field.units)) == 1:
         values = field.values[:, 0] if len(field.units) == 1 else field.values
         return {field.name + history.unit_ending(field.units[0]): values}
@@ -168,8 +184,10 @@ def node_numbers(nodes: Iterable[int]) -> list[int]:
     Raises
     ------
     UsageError
-        One is no whole number, or beyond 2⁶², which no solver has.
+        A number is not whole, or beyond 2⁶², the limit here.
     """
+    if not isinstance(nodes, Iterable):
+        raise UsageError(argument="nodes", found=nodes, expected="a list of node numbers")
     numbers = []
     for node in nodes:
         try:
@@ -177,66 +195,68 @@ def node_numbers(nodes: Iterable[int]) -> list[int]:
         except (TypeError, ValueError, OverflowError):
             number = _LARGEST_NODE + 1
         if number != node or abs(number) > _LARGEST_NODE:
-            raise UsageError(f"node {node}: expected a whole number up to {_LARGEST_NODE}")
+            raise UsageError(
+                f"contains {node}, expected a whole number up to {_LARGEST_NODE}", argument="nodes"
+            )
         numbers.append(number)
     return numbers
 
 
-def rows_of(wanted: IntArray, held: IntArray) -> IntArray:
-    """Row in `held` of each of `wanted`, any shape; -1 where absent, of duplicates the first."""
-    if not held.size:
-        return np.full(wanted.shape, -1, dtype=np.int64)
-    order = np.argsort(held, kind="stable")
-    place = np.searchsorted(held, wanted, sorter=order)
-    rows: IntArray = order[np.minimum(place, order.size - 1)]
-    return np.where(held[rows] == wanted, rows, -1)
+def rows_of(requested: IntArray, available: IntArray) -> IntArray:
+    """Row in `available` of each of `requested`, same shape; -1 if absent, first of duplicates."""
+    if not available.size:
+        return np.full(requested.shape, -1, dtype=np.int64)
+    order = np.argsort(available, kind="stable")
+    index = np.searchsorted(available, requested, sorter=order)
+    rows: IntArray = order[np.minimum(index, order.size - 1)]
+    return np.where(available[rows] == requested, rows, -1)
 
 
-def is_in_sorted(numbers: IntArray, rising: IntArray) -> BoolArray:
-    """Whether each of `numbers` is among those `rising`."""
-    if not rising.size:
+def is_in_sorted(numbers: IntArray, sorted_numbers: IntArray) -> BoolArray:
+    """Whether each of `numbers` is in `sorted_numbers`."""
+    if not sorted_numbers.size:
         return np.zeros(numbers.shape, dtype=np.bool_)
-    places = np.minimum(np.searchsorted(rising, numbers), rising.size - 1)
-    inside: BoolArray = rising[places] == numbers
+    indices = np.minimum(np.searchsorted(sorted_numbers, numbers), sorted_numbers.size - 1)
+    inside: BoolArray = sorted_numbers[indices] == numbers
     return inside
 
 
-def numbers_near(held: IntArray, absent: int) -> str:
-    """The three numbers among those `held` that are nearest to one that is `absent`."""
-    near = held[np.argsort(np.abs(held - absent), kind="stable")[:3]]
+def numbers_near(available: IntArray, number: int) -> str:
+    """Text of the three `available` numbers that are nearest to `number`."""
+    near = available[np.argsort(np.abs(available - number), kind="stable")[:3]]
     return ", ".join(map(str, np.sort(near).tolist()))
 
 
-def spread(values: FloatArray, rows: IntArray, size: int) -> FloatArray:
-    """Each value in its row, NaN in the others; one component as ``(size,)``."""
+def scatter_rows(values: FloatArray, rows: IntArray, size: int) -> FloatArray:
+    """Values placed at `rows`, NaN elsewhere: ``(size, component)``, one component ``(size,)``."""
     flat = values[:, 0] if values.ndim == 2 and values.shape[1] == 1 else values
-    there = np.full((size, *flat.shape[1:]), np.nan)
-    fine = rows >= 0
-    there[rows[fine]] = flat[fine]
-    return there
+    filled = np.full((size, *flat.shape[1:]), np.nan)
+    is_used = rows >= 0
+    filled[rows[is_used]] = flat[is_used]
+    return filled
 
 
-def derived_of(name: str, fields: Mapping[str, Field]) -> FloatArray:
+def derive_values(name: str, fields: Mapping[str, Field]) -> FloatArray:
     """The quantity `name` of `DERIVED` from fields of one increment."""
-    takes, function = DERIVED[name]
-    first = fields[takes[0]]
-    for quantity in takes[1:]:
+    sources, function = DERIVED[name]
+    first = fields[sources[0]]
+    for quantity in sources[1:]:
         if not np.array_equal(fields[quantity].nodes, first.nodes):
-            raise UsageError(f"{name}: {takes[0]} and {quantity} are at other nodes")
-    return function(*(tensor_of(fields[quantity]) for quantity in takes))
+            raise UsageError(f"{name} needs {sources[0]} and {quantity} at the same nodes")
+    return function(*(tensor_values(fields[quantity]) for quantity in sources))
 
 
-def tensor_of(field: Field) -> FloatArray:
-    """A stress or strain field as ``(N, 6)`` in the order of `stress.TENSOR`."""
+def tensor_values(field: Field) -> FloatArray:
+    """Values ``(N, 6)`` of a stress or strain field in the order of `von_mises.TENSOR`."""
     letter = field.components[0][:1]
-    wanted = tuple(f"{letter}{place.upper()}" for place in TENSOR)
-    if field.components == wanted:
+    components = tuple(f"{letter}{component.upper()}" for component in TENSOR)
+    if field.components == components:
         return field.values
-    absent = [name for name in wanted if name not in field.components]
+    absent = [name for name in components if name not in field.components]
     if absent:
         raise UsageError(
-            f"{field.name} has no component {absent[0]}: it is no tensor, it has "
+            f"{field.name} is not a tensor: component {absent[0]} is missing from "
             f"{', '.join(field.components)}"
         )
-    tensor: FloatArray = field.values[:, [field.components.index(name) for name in wanted]]
+    tensor: FloatArray = field.values[:, [field.components.index(name) for name in components]]
     return tensor

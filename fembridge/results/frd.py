@@ -7,27 +7,26 @@
  -1         1 1.08234E-03 1.03144E-03 9.28155E-04-1.29059E-03 0.00000E+00 0.00000E+00
  -3
 
-Flags, the last number of a ``100CL`` line: 0 text with ids of 5 characters, 1 text with
-10, 2 float32, 3 float64. A block says how many records it has and how long they are, so
-the walk reads headers and jumps over the rest; of wanted nodes only their records are
-read. Markers are never sought inside binary records, which may hold any byte. A block is
-whole when what has to follow it does follow, a text block when its line `` -3`` does;
-counts are compared with the size of the file before anything trusts them. The walk ends
-at the first block that is not whole. Values touch when they are negative: a field is cut
-by its columns, never split at blanks.
+Flags, the last number of a ``100CL`` line: 0 text with ids of 5 characters, 1 text with 10, 2
+float32, 3 float64. A block header has the number and length of its records, so the walk reads
+headers and skips the records; only the records of requested nodes are read. Binary records may
+contain any byte and are never searched for markers. A binary block is complete if a valid header
+follows, a text block if its line `` -3`` follows; counts are compared with the size of the file
+before they are used. The walk ends at the first incomplete block. Negative values leave no blank
+between fields: fields are cut by columns, never split at blanks.
 
-Stress at a node is the mean over the elements there. On a layer boundary that mean belongs to
-neither layer (0.011 MPa measured between 0.0005 and 0.022), so such a node is refused unless
-``across_materials`` asks for it. Quantities are joined by step and increment, never by position: a
-run that diverged has one more DISP than STRESS, and that last one never converged.
+Stress at a node is the mean over its elements. On a layer boundary that mean belongs to neither
+layer (0.011 MPa measured between 0.0005 and 0.022), so such a node is refused without
+``across_materials``. Quantities are joined by step and increment, not by position: a run that
+diverged has one more DISP than STRESS, from the increment that did not converge.
 
-CalculiX has no units. The index and the records have the file's numbers; what `FrdSource` gives is
-mm, ms and Pa, for stresses and for energy densities (1 Pa is 1 J/m³).
+CalculiX has no units. The index and the records have the numbers of the file; `FrdSource` returns
+mm, ms and Pa, for stress and energy density (1 Pa is 1 J/m³).
 """
 
 import re
 from array import array
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import pairwise
@@ -47,8 +46,8 @@ from fembridge.results.byte_file import (
 )
 from fembridge.results.fields import (
     VERTEX,
-    Block,
     Field,
+    FieldBlock,
     Key,
     Scene,
     SceneCells,
@@ -56,11 +55,17 @@ from fembridge.results.fields import (
     numbers_near,
     rows_of,
 )
-from fembridge.results.history import FREQUENCY, OF_STRESS, TIME, name_in, printed_digit_ms
+from fembridge.results.history import (
+    FREQUENCY,
+    STRESS_FUNCTIONS,
+    TIME,
+    match_quantity,
+    printed_digit_ms,
+)
 from fembridge.results.read_options import ReadOptions
-from fembridge.results.source import FieldSource, field_of, not_finite
+from fembridge.results.source import FieldSource, make_field, not_finite_error
 from fembridge.results.status import StaRow, read_sta
-from fembridge.results.stress import OneSidedStress, clear_shear
+from fembridge.results.von_mises import OneSidedStress, clear_shear
 from fembridge.trace import MS_PER_S, seconds_to_ms
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
@@ -69,58 +74,69 @@ COMPONENTS = {
     STRESS: ("SXX", "SYY", "SZZ", "SXY", "SYZ", "SZX"),
     DISPLACEMENT: ("D1", "D2", "D3"),
 }
-_KIN = {*COMPONENTS, "STRPOS", "STRMID", "STRNEG", "ZZSTR", "STRESSI", "DISPI", "MSTRESS", "MDISP"}
+_SIMILAR_NAMES = {
+    *COMPONENTS,
+    "STRPOS",
+    "STRMID",
+    "STRNEG",
+    "ZZSTR",
+    "STRESSI",
+    "DISPI",
+    "MSTRESS",
+    "MDISP",
+}
 KIND_OF_TYPE = {
     1: "hex8", 2: "wedge6", 3: "tet4", 4: "hex20", 5: "wedge15", 6: "tet10",
     7: "tri3", 8: "tri6", 9: "quad4", 10: "quad8", 11: "line2", 12: "line3",
 }  # fmt: skip
 NODES_OF_TYPE = {number: int(re.sub(r"\D", "", kind)) for number, kind in KIND_OF_TYPE.items()}
-UNKNOWN_MATERIAL = -1  # an old file has a word in place of the number
+UNKNOWN_MATERIAL = -1  # an old file has a word instead of the number
 
-_MOST_CHANGES = 5  # of nodes that are noted
+_MAX_CHANGES = 5  # of nodes, reported for a file
 _CONTACT = re.compile("P?CONTACI?|CELS")  # of springs that open and close
 _STEP, _END_LINE = b"    1PSTEP", b" 9999"
 _AFTER_A_BLOCK = (b"    1P", _END_LINE, b"  100C", b"    2C", b"    3C")
 _STEP_OF_ITERATIONS = re.compile(rb"STP *(\d+)INC *(\d+)")
 _TIME = re.compile(rb"-?\d+\.\d*(?:[Ee][+-]\d{2,3})?")
 _STATIC, _DYNAMIC, _FREQUENCY, _BUCKLING = 0, 1, 2, 4
-_MOST_COMPONENTS = 10_000  # announced by a header; what is beyond is no header
+_MAX_COMPONENTS = 10_000  # more in a header is damage
 _VALUES_A_LINE, _FIELD, _MARK = 6, 12, 3  # of a record; E12.5; " -1"
 _REALS = {2: "<f4", 3: "<f8"}  # by flag
-# A field that may have an exponent of three digits; two may be followed by the next number, which
-# begins with a digit: 3.067.
+# A field, perhaps with an exponent of three digits; after two digits the next number may begin
+# without a blank: 3.067.
 _LONG_FIELD = re.compile(
     rb" *[+-]?(?:\d\.\d{5}[Ee][+-](?:\d{3}(?!\.)|\d{2})"
     rb"|1\.#[A-Za-z]+|[Nn][Aa][Nn]|[Ii][Nn][Ff](?:inity)?)"
 )
 _LONG_FIELDS = re.compile(rb"(?:%s)+ *" % _LONG_FIELD.pattern)
-_SHORT_FIELD = re.compile(rb"\d\.\d{5}[Ee][+-]\d{2}")  # a blank or a sign is lost before it
+_SHORT_FIELD = re.compile(rb"\d\.\d{5}[Ee][+-]\d{2}")  # its blank or sign is missing
 _EXPONENT = re.compile(rb"[Ee][+-](?:(0)\d\d(?!\.)|\d\d(?!\d(?!\.)))")
 _NO_LINE_END = bytes.maketrans(b"\r\0", b"  ")
-_SEEK_BYTES = 1 << 16  # records within so few bytes are read in one go
-_FEW_NODES = 64  # whose elements are sought before they are converted
-_LONGEST_ELEMENT_LINE = 400  # bytes; ten numbers of ten characters, and what others add
+_SEEK_BYTES = 1 << 16  # records within this range are read together
+_FEW_NODES = 64  # up to this number, elements are searched as text first
+_FLAT_TYPES = (7, 8, 9, 10)  # triangles and quadrilaterals
+_LONGEST_ELEMENT_LINE = 400  # bytes; ten numbers of ten characters, and additions of other programs
 _MESH_BYTES = 1 << 17  # of printed elements at a time
 _TEXT_BYTES = 3 << 17  # of a block at a time
-_HEADING_BYTES = 4096  # in which a heading is sought
-# An array of this size is made and dropped, untouched, before fields are read: glibc
-# then keeps memory of up to that size for the next field, instead of handing its
-# pages back and faulting them in again at each increment (benchmarks: half the time
-# of a float64 file, a quarter of a text one). Elsewhere it does nothing.
+_HEADING_BYTES = 4096  # searched for the heading
+# An array of this size is allocated and freed before fields are read: glibc then keeps memory of
+# up to that size for the next field, instead of returning the pages and faulting them in again at
+# each increment (benchmarks: half the time of a float64 file, a quarter of a text file). Without
+# glibc it has no effect.
 _KEPT_BYTES = 1 << 23
 _NO_RECORDS = " has 0 records: with OUTPUT=3D CalculiX writes none for an NSET of a plane model; "
 _NO_RECORDS += "use OUTPUT=2D"
 
 _PA = "Pa"
-# By quantity; one that ends in I is the imaginary part of the same. Decks speak mm, N and s; a
-# quantity that is not listed is left as the file has it, with the unit "".
+# By quantity; a name that ends in I is the imaginary part. Decks are in mm, N and s; a quantity
+# that is not listed keeps the numbers of the file and has the unit "".
 _UNIT_OF_QUANTITY = {
     "DISP": "mm", "VELO": "mm/s", "FORC": "N",
     "STRESS": _PA, "STRPOS": _PA, "STRMID": _PA, "STRNEG": _PA, "ZZSTR": _PA,
     "MSTRESS": _PA, "ENER": _PA,
     "TOSTRAIN": "1", "MESTRAIN": "1", "PE": "1", "ERROR": "%",
 }  # fmt: skip
-# By component, in quantities that mix units.
+# By component, in quantities with several units.
 _UNIT_OF_COMPONENT = {
     "COPEN": "mm", "CSLIP1": "mm", "CSLIP2": "mm",
     "CPRESS": _PA, "CSHEAR1": _PA, "CSHEAR2": _PA,
@@ -130,12 +146,12 @@ _UNIT_OF_MAGNITUDE = {"PDISP": "mm", "PSTRESS": _PA}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordForm:
-    """How records are stored, as lines of text or not: the same at every increment of a quantity.
+    """Storage of the records of a quantity, as text or binary, the same at every increment.
 
-    `stored` are the components in the file's order (``ALL``, the length of a vector, is
-    announced and not stored); `components` the same, those of `COMPONENTS` in that order, and
-    `order` where each is stored. Before the values come `head_bytes`, the node's number last
-    among them, of `id_width` bytes. `spans` are the bytes of the values in each line of a text.
+    `stored` are the components in file order (``ALL``, the length of a vector, is announced but
+    not stored); `components` are sorted, those of `COMPONENTS` first, and `order` are their
+    indices in `stored`. `head_bytes` precede the values and end with the node number of
+    `id_width` bytes. `spans` are the byte ranges of the values in each line of a text record.
     """
 
     flag: int
@@ -152,7 +168,7 @@ class RecordForm:
 
 
 @cache
-def _form(name: str, stored: tuple[str, ...], flag: int, line_end: int) -> RecordForm:
+def _record_form(name: str, stored: tuple[str, ...], flag: int, line_end: int) -> RecordForm:
     standard = [component for component in COMPONENTS.get(name, ()) if component in stored]
     components = (*standard, *(component for component in stored if component not in standard))
     if name in _UNIT_OF_MAGNITUDE:
@@ -179,13 +195,13 @@ def _form(name: str, stored: tuple[str, ...], flag: int, line_end: int) -> Recor
 
 
 @dataclass(slots=True)
-class FrdBlock(Block):
-    """One quantity at one increment, and where in the file its `records` are.
+class FrdBlock(FieldBlock):
+    """One quantity at one increment, and the position of its `records` in the file.
 
-    `value` is the number that the ``100CL`` line holds: the total time over all steps in s, or
-    the frequency of a mode, or its buckling factor. `free` marks text records of unequal length
-    (exponents of three digits), the others reach to `end`. `modal` marks a mode of a frequency
-    or buckling analysis: its increment is the number of the mode.
+    `value` is the number in the ``100CL`` line: the total time over all steps in s, the frequency
+    of a mode, or its buckling factor. `free` marks text records of unequal length (exponents of
+    three digits). `modal` marks a mode of a frequency or buckling analysis: its increment is the
+    number of the mode.
     """
 
     records: int
@@ -196,12 +212,12 @@ class FrdBlock(Block):
 
     @property
     def end(self) -> int:
-        """Where its records end, if they are of one length."""
+        """End of the records, if they have equal length."""
         return self.offset + self.records * self.form.record_bytes
 
     @property
     def time_ms(self) -> float:
-        """`value` as a time."""
+        """`value` as a time in ms."""
         return self.value * MS_PER_S
 
     def __str__(self) -> str:
@@ -212,7 +228,7 @@ class FrdBlock(Block):
 
 
 class ElementBlock(NamedTuple):
-    """Where the records of the elements are, and where they end."""
+    """Number, format and position of the element records."""
 
     records: int
     flag: int
@@ -221,7 +237,7 @@ class ElementBlock(NamedTuple):
 
 
 class FrdDamageError(Exception):
-    """What is wrong at `offset`; of `block`, where known, `records` are whole."""
+    """Damage at `offset`; in `block`, if known, `records` are complete."""
 
     def __init__(
         self, problem: str, offset: int, block: FrdBlock | None = None, records: int = 0
@@ -232,13 +248,13 @@ class FrdDamageError(Exception):
 
 
 class FrdIndex:
-    """What a ``.frd`` holds and where: one walk through `file`.
+    """Content of a ``.frd`` and its positions, from one walk through `file`.
 
-    `blocks` are the whole ones in file order, `nodes` and `elements` the mesh, whose nodes are a
-    block of three numbers each, `materials` names by number. Blocks whose imaginary part follows
-    are over frequency. `ended` says whether the line `` 9999`` closes the file:
-    CalculiX writes it only when the job ends normally. `damage` is noted, not raised:
-    who reads decides what to do about it. `remarks` are oddities that do no harm.
+    `blocks` are the complete blocks in file order. `nodes` and `elements` are the mesh; the node
+    block has three numbers for each node. `materials` are names by number. Blocks with an
+    imaginary part are over frequency. `ended` says whether the line `` 9999`` closes the file;
+    CalculiX writes it only if the job ends normally. `damage` is collected, not raised: the
+    caller decides. `remarks` are harmless irregularities.
     """
 
     def __init__(self, file: ByteFile) -> None:
@@ -250,13 +266,14 @@ class FrdIndex:
         self.ended = False
         self.damage: list[FrdDamageError] = []
         self.remarks: list[str] = []
-        self._key: Key | None = None  # of the block that has to follow
-        self._count: int | None = None  # of the block before: CalculiX counts them all
+        self._key: Key | None = None  # of the next block
+        self._count: int | None = None  # of the previous block: CalculiX numbers all blocks
         self._mode: int | None = None
-        # Text, name, components and line end of -4 and -5 lines, by the -4 line: every
-        # increment repeats them.
+        self._is_order_noted = self._has_iterations = False
+        # Text, name, components and line end of -4 and -5 lines, by the -4 line; they repeat at
+        # every increment.
         self._names: dict[bytes, tuple[bytes, str, tuple[str, ...], int]] = {}
-        self._at = 0  # where what is being read begins
+        self._at = 0  # start of the current block
         try:
             while not self.ended and self._at < file.size:
                 self._at = self._next(self._at)
@@ -271,36 +288,36 @@ class FrdIndex:
             if damage.block is None:
                 damage.problem += f" (byte {damage.offset} of {file.size})"
         self.remarks += self._contradictions()
-        parts = {imaginary(block.name) for block in self.blocks}
+        parts = {imaginary_name(block.name) for block in self.blocks}
         complex_ones = {block.key for block in self.blocks if block.name in parts}
         for block in self.blocks if complex_ones else ():
             if block.axis == TIME and block.key in complex_ones:
                 block.axis = FREQUENCY
 
     def _contradictions(self) -> list[str]:
-        """What the headers of the blocks say against each other."""
+        """Contradictions between the headers of the blocks."""
         remarks: dict[str, str] = {}  # the first of a kind
         firsts: dict[str, FrdBlock] = {}
         for block in self.blocks:
             first = firsts.setdefault(block.name, block)
             stored = set(block.components)
             if block.form.stored != first.form.stored:
-                remarks.setdefault("later", f"{block} has not the components of {first}")
+                remarks.setdefault("later", f"{block} has other components than {first}")
             expected = COMPONENTS.get(block.name)
             if expected and not stored & {"MAG1", *expected} >= set(expected) and block is first:
-                message = f"{block} has the components {', '.join(block.components)}"
+                message = f"{block} has components {', '.join(block.components)}"
                 remarks.setdefault("components", f"{message}, expected {', '.join(expected)}")
-            for name in COMPONENTS if block is first and block.name not in _KIN else ():
+            for name in COMPONENTS if block is first and block.name not in _SIMILAR_NAMES else ():
                 if block.name != name and stored == set(COMPONENTS[name]):
-                    message = f"{block.name} is no known quantity and has the components of {name}"
+                    message = f"unknown quantity {block.name} has the components of {name}"
                     remarks.setdefault("name", message)
         for before, block in pairwise(self.blocks):
             if block.key == before.key and block.value != before.value:
                 message = f"{before} is at {before.value:g}, {block} at {block.value:g}"
                 remarks.setdefault("value", message)
             rises = block.key >= before.key and (block.modal or block.value >= before.value)
-            if not rises and not any("LAST ITERATIONS" in remark for remark in self.remarks):
-                message = f"{block} at {block.value:g} comes after {before} at {before.value:g}"
+            if not rises and not self._has_iterations:
+                message = f"{block} at {block.value:g} follows {before} at {before.value:g}"
                 remarks.setdefault("order", message)
         return list(remarks.values())
 
@@ -310,18 +327,18 @@ class FrdIndex:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Quantities held, in order of first appearance."""
+        """Names of the quantities, in order of first appearance."""
         return tuple(dict.fromkeys(block.name for block in self.blocks))
 
     def problem(self) -> str | None:
-        """What is wrong with a file that is not whole; None if it is whole."""
+        """Message about an incomplete file; None if it is complete."""
         if self.ended and not self.damage:
             return None
         if not self.blocks and not self.damage:
             summary = f"header only ({self.size} bytes): the solver stopped before its first output"
             if self.nodes is not None:
                 summary = "mesh only, no results: the solver stopped at its start"
-            return f"{summary}; look in the .sta file and the solver's log for its reason"
+            return f"{summary}; see the .sta file and the solver's log for the reason"
         problems = [harm.problem for harm in self.damage]
         blocks_by_key: dict[Key, dict[str, FrdBlock]] = {}
         for block in self.blocks:
@@ -330,8 +347,8 @@ class FrdIndex:
         whole_keys = [key for key in blocks_by_key if key not in damaged]
         if not self.ended:
             problems.append("no end line 9999: the run did not end normally")
-            # The increment at which a run diverged has DISP and no STRESS; one that was
-            # cut lacks what was not written yet.
+            # The increment at which a run diverged has DISP but no STRESS; a cut one lacks its
+            # last quantities.
             (before, last), lost = (
                 whole_keys[-2:] if len(whole_keys) > 1 else ((0, 0), (0, 0)),
                 set[str](),
@@ -340,7 +357,7 @@ class FrdIndex:
                 lost = blocks_by_key[before].keys() - blocks_by_key[last].keys()
             if lost:
                 whole_keys.pop()
-            attempts = attempts_of(self.file.path)
+            attempts = read_attempts(self.file.path)
             if attempts and (row := attempts[-1]).failed:
                 problems.append(
                     f"increment {row.increment} of step {row.step} did not converge "
@@ -349,7 +366,7 @@ class FrdIndex:
             elif lost and not self.damage:
                 problems.append(
                     f"increment {last[1]} of step {last[0]} has {', '.join(blocks_by_key[last])} "
-                    f"and no {', '.join(sorted(lost))}: it did not converge"
+                    f"but no {', '.join(sorted(lost))}: it did not converge"
                 )
         if whole_keys:
             (step, increment), block = (
@@ -357,21 +374,21 @@ class FrdIndex:
                 next(iter(blocks_by_key[whole_keys[-1]].values())),
             )
             problems.append(
-                f"last whole increment: {increment} of step {step}, {block.time_ms:g} ms"
+                f"last complete increment: {increment} of step {step}, {block.time_ms:g} ms"
             )
         elif self.blocks:
-            problems.append("no whole increment")
+            problems.append("no complete increment")
         return "; ".join(problems)
 
     def _line(self, at: int, prefix: str = "") -> tuple[bytes, int]:
-        """The line at `at` without its end, and where the next begins."""
+        """The line at `at` without its line end, and the offset of the next line."""
         line_and_next = self.file.line(at)
         if line_and_next is None:
-            raise FrdDamageError(f"{prefix}{self.file.why_no_line(at)}", at)
+            raise FrdDamageError(f"{prefix}{self.file.line_problem(at)}", at)
         return line_and_next
 
     def _next(self, at: int) -> int:
-        """Read what begins at `at`; where the next begins."""
+        """Read the block or header line at `at`; return the offset of the next."""
         file = self.file
         start = file.peek(at, 80)
         if start.startswith(_END_LINE):
@@ -380,65 +397,70 @@ class FrdIndex:
                 raise ValueError(f"bytes after the end line: {rest[:12]!r}")
             return file.size
         line, after = self._line(at)
-        if not line:  # some builds leave one behind the materials
+        if not line:  # some builds write one after the materials
             return after
         if line.startswith(b"  100C"):
             return self._block(line, after)
         if line.startswith((b"    2C", b"    3C")):
             return self._mesh(line, after)
         if not line.startswith(b"    1"):
-            raise ValueError(f"{line[:24]!r} where a block should begin")
+            raise ValueError(f"{line[:24]!r}, expected a block")
         if line.startswith(_STEP):
             self._key = self._mode = None
             if iterations := _STEP_OF_ITERATIONS.match(line, 24):
                 step, increment = int(iterations[1]), int(iterations[2])
             else:
-                step, increment = _counts(line, (48, 60), (36, 48))
+                step, increment = _parse_counts(line, (48, 60), (36, 48))
                 number, before = line[10:36].strip(), self._count
                 self._count = int(number) if number.isdigit() else None
-                message = "blocks are missing, duplicate or not in order: number "
                 out_of_order = before is not None and self._count not in (None, before + 1)
-                if out_of_order and not any(remark.startswith(message) for remark in self.remarks):
-                    message += f"{self._count}, of step {step}, increment {increment}, "
-                    self.remarks.append(f"{message}comes after {before}")
+                if out_of_order and not self._is_order_noted:
+                    self._is_order_noted = True
+                    self.remarks.append(
+                        "blocks are missing, duplicate or not in order: number "
+                        f"{self._count}, of step {step}, increment {increment}, follows {before}"
+                    )
             self._key = step, increment
-            if line[24:27] == b"STP" and not self.remarks:
+            if line[24:27] == b"STP" and not self._has_iterations:
+                self._has_iterations = True
                 self.remarks.append(
                     f"iterations of increment {increment} of step {step}, "
-                    "no history (LAST ITERATIONS)"
+                    "not a history (LAST ITERATIONS)"
                 )
         elif line.startswith(b"    1PMODE"):
-            [self._mode] = _counts(line, (24, 36))
+            [self._mode] = _parse_counts(line, (24, 36))
         elif line.startswith(b"    1UMAT") and line[9:14].strip().isdigit():
             self.materials.setdefault(int(line[9:14]), line[14:].decode("latin-1").strip())
         return after
 
     def _mesh(self, line: bytes, after: int) -> int:
-        """Note the node or element block of a line and find its end."""
+        """Index the node or element block of a header line; return its end."""
         kind = "node" if line.startswith(b"    2C") else "element"
         text = line[73:75].strip() in (b"0", b"1")
         blank = text and not line[24:36].strip()
-        announced, flag = (-1, int(line[73:75])) if blank else _counts(line, (24, 36), (73, 75))
+        announced, flag = (
+            (-1, int(line[73:75])) if blank else _parse_counts(line, (24, 36), (73, 75))
+        )
         if not text and (flag > 3 or after + 16 * announced > self.size):
             raise ValueError(f"{kind} block: cut: {announced} {kind}s announced")
         if kind == "element":
             return self._elements(announced, flag, after)
-        form = _form("node block", ("x", "y", "z"), flag, after - self._at - len(line))
+        form = _record_form("node block", ("x", "y", "z"), flag, after - self._at - len(line))
         block = FrdBlock(
             "node block", (0, 0), TIME, 0.0, form.components, form.units, announced, form, after
         )
         if text:
             block, end, problem = self._text_end(block)
-            if problem:  # the mesh cannot be used, what follows can
+            if problem:  # the mesh is unusable, the next blocks are not
                 self.damage.append(FrdDamageError(problem, self._at))
                 return end
         elif not self._boundary(end := block.end):
-            raise ValueError("node block: its count does not lead to its end")
+            raise ValueError("node block: wrong count of records")
         self.nodes = block
         return end
 
     def _elements(self, announced: int, flag: int, after: int) -> int:
-        """Note the element block whose records begin at `after`; where the next block begins."""
+        """Index the element block whose records begin at `after`; return its end."""
         file, block, present = self.file, "element block", announced
         if flag < 2:
             closed = file.find(b"\n -3", after - 1)
@@ -452,7 +474,7 @@ class FrdIndex:
                 self.damage.append(FrdDamageError(message, self._at))
                 return end
         else:
-            astray = f"{block}: its count does not lead to its end"
+            astray = f"{block}: wrong count of records"
             end, present = after, 0
             try:
                 while announced and not (present and self._boundary(end)):  # a layer of composites
@@ -465,34 +487,34 @@ class FrdIndex:
                 raise ValueError(astray)
         if present > announced > 0:
             self.remarks.append(
-                f"{block} announces {announced} elements and holds {present // announced} times "
-                "as many: layers of composite shells"
+                f"{block} announces {announced} elements and has {present // announced} times as "
+                "many: layers of composite shells"
             )
         self.elements = ElementBlock(present, flag, after, end)
         return end
 
     def _block(self, line: bytes, after: int) -> int:
-        """Note the result block of a ``100CL`` line and find its end."""
+        """Index the result block of a ``100CL`` line; return its end."""
         if self._key is None:
-            raise ValueError("100CL without a 1PSTEP line that gives step and increment")
+            raise ValueError("100CL without a 1PSTEP line with step and increment")
         step, increment = self._key
         text, analysis_text = line[12:24].strip(), line[56:58].strip()
         if not _TIME.fullmatch(text):
             raise ValueError(f"time {line[12:24]!r}")
         seconds_to_ms(float(text))
-        [flag] = _counts(line, (73, 75))
-        [analysis] = _counts(line, (56, 58)) if analysis_text else [_STATIC]
+        [flag] = _parse_counts(line, (73, 75))
+        [analysis] = _parse_counts(line, (56, 58)) if analysis_text else [_STATIC]
         modal = analysis in (_FREQUENCY, _BUCKLING) or line[63:73].strip() == b"MODAL"
         axis = TIME if analysis in (_STATIC, _DYNAMIC) else "number of the analysis"
         if modal:
-            increment = _counts(line, (58, 63))[0] if self._mode is None else self._mode
+            increment = _parse_counts(line, (58, 63))[0] if self._mode is None else self._mode
             axis = "buckling factor" if analysis == _BUCKLING else FREQUENCY
         if flag > 3:
             raise ValueError(f"format flag {flag}")
         blank = flag < 2 and not line[24:36].strip()
-        [records] = [-1] if blank else _counts(line, (24, 36))
+        [records] = [-1] if blank else _parse_counts(line, (24, 36))
         header, name, components, line_end = self._name_lines(after)
-        form = _form(name, components, flag, line_end)
+        form = _record_form(name, components, flag, line_end)
         block = FrdBlock(
             name, (step, increment), axis, float(text), form.components, form.units, records,
             form, after + len(header), modal,
@@ -506,8 +528,8 @@ class FrdIndex:
             raise self._cut(block, records)
         elif not self._boundary(end):
             raise FrdDamageError(
-                f"{block} is followed by {self.file.peek(end, 12)!r} at byte {end}: its "
-                f"count, {records}, is wrong or bytes are missing",
+                f"{block} is followed by {self.file.peek(end, 12)!r} at byte {end}: its count "
+                f"{records} is wrong, or bytes are missing",
                 end,
                 block,
             )
@@ -520,16 +542,16 @@ class FrdIndex:
         cached = self._names.get(first)
         if cached is not None and self.file.peek(offset, len(cached[0])) == cached[0]:
             return cached
-        name, [announced] = first[5:13].decode("ascii").strip(), _counts(first, (13, 18))
+        name, [announced] = first[5:13].decode("ascii").strip(), _parse_counts(first, (13, 18))
         if not first.startswith(b" -4") or not name:
-            raise ValueError(f"{first[:40]!r} where a name is expected")
-        if announced > _MOST_COMPONENTS:
+            raise ValueError(f"{first[:40]!r}, expected a name")
+        if announced > _MAX_COMPONENTS:
             raise ValueError(f"{name} announces {announced} components")
         components: list[str] = []
         for _ in range(announced):
             start, (line, at) = at, self._line(at, f"{name} lines are ")
             if not line.startswith(b" -5"):
-                raise ValueError(f"{name} announces {announced} components, then {line[:40]!r}")
+                raise ValueError(f"{line[:40]!r}, expected {announced} components of {name}")
             if line[33:38].strip() != b"1":
                 components.append(line[5:13].decode("ascii").strip())
         if not components:
@@ -539,7 +561,7 @@ class FrdIndex:
         return self._names[first]
 
     def _text_end(self, block: FrdBlock) -> tuple[FrdBlock, int, str]:
-        """The block with its count and its kind of records, where it ends, and what is wrong."""
+        """The block with its count and kind of records, its end, and a problem or ""."""
         closing = b"\n -3\r\n" if block.form.line_end == 2 else b"\n -3\n"
         if block.records >= 0 and self.file.peek(block.end - 1, len(closing)) == closing:
             return block, block.end - 1 + len(closing), ""
@@ -556,19 +578,19 @@ class FrdIndex:
         if begun == block.records > 0:
             return replace(block, free=True), last[1], ""
         if begun == 0 and at + 1 == block.offset:  # of a fluid: closed, and empty
-            self.remarks.append(f"{block} announces {block.records} records and has none")
+            self.remarks.append(f"{block} announces {block.records} records, but has none")
             return replace(block, records=0), last[1], ""
         return block, last[1], f"{block}: {block.records} records announced, {begun} present"
 
     def _cut(self, block: FrdBlock, begun: int) -> FrdDamageError:
-        """The damage of a block that the file ends in, after `begun` records at most."""
+        """Damage of a block that the end of the file cuts after at most `begun` records."""
         whole_records = min((self.size - block.offset) // block.form.record_bytes, begun)
         announced = "" if block.records < 0 else f"{block.records} "
         message = f"{block} is cut at byte {self.size}, after {whole_records} of {announced}records"
         return FrdDamageError(message, self.size, block, whole_records)
 
     def _boundary(self, at: int) -> bool:
-        """Whether what follows a block begins at `at`, or the file ends there."""
+        """Whether the header of a next block, or the end of the file, is at `at`."""
         start = self.file.peek(at, 6)
         return any(
             start.startswith(marker) or marker.startswith(start) for marker in _AFTER_A_BLOCK
@@ -576,7 +598,7 @@ class FrdIndex:
 
 
 def node_ids(file: ByteFile, block: FrdBlock) -> IntArray:
-    """Numbers of the nodes of `block`, in its order, ``(record,)``."""
+    """Node numbers of `block`, in file order, ``(record,)``."""
     if block.free:
         return irregular_records(file, block)[0]
     if not block.records:
@@ -584,17 +606,17 @@ def node_ids(file: ByteFile, block: FrdBlock) -> IntArray:
     step = max(1, _TEXT_BYTES // block.form.record_bytes)
     return np.concatenate(
         [
-            record_ids(file.path, [block], characters_of(file, block, first, step), first)
+            record_ids(file.path, [block], read_characters(file, block, first, step), first)
             for first in range(0, block.records, step)
         ]
     )
 
 
 def block_table(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatArray]:
-    """Nodes ``(record,)`` and values ``(record, component)`` of a whole block, in file order.
+    """Nodes ``(record,)`` and values ``(record, component)`` of a block, in file order.
 
-    They are taken some hundred kilobytes at a time: what is in memory beside the arrays does
-    not grow with the block.
+    The records are read in pieces of some hundred kilobytes, so that the additional memory does
+    not depend on the size of the block.
     """
     if block.free:
         nodes, values = irregular_records(file, block)
@@ -602,16 +624,16 @@ def block_table(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatArray]:
         nodes = np.empty(block.records, dtype=np.int64)
         values = np.empty((block.records, len(block.form.stored)), dtype=np.float64)
         step = max(1, _TEXT_BYTES // block.form.record_bytes)
-        for at in range(0, block.records, step):
-            characters = characters_of(file, block, at, step)
-            nodes[at : at + step] = record_ids(file.path, [block], characters, at)
-            values[at : at + step] = record_values(file.path, [block], characters)
+        for first in range(0, block.records, step):
+            characters = read_characters(file, block, first, step)
+            nodes[first : first + step] = record_ids(file.path, [block], characters, first)
+            values[first : first + step] = record_values(file.path, [block], characters)
     return nodes, values if block.components == block.form.stored else values[:, block.form.order]
 
 
-def characters_of(file: ByteFile, block: FrdBlock, first: int, most: int) -> Characters:
-    """The bytes of at most `most` records from number `first` on, ``(record, byte)``."""
-    count, length = min(most, block.records - first), block.form.record_bytes
+def read_characters(file: ByteFile, block: FrdBlock, first: int, max_count: int) -> Characters:
+    """Bytes of at most `max_count` records from number `first` on, ``(record, byte)``."""
+    count, length = min(max_count, block.records - first), block.form.record_bytes
     raw = file.take(block.offset + first * length, count * length)
     return np.frombuffer(raw, dtype=np.uint8).reshape(count, length)
 
@@ -619,36 +641,35 @@ def characters_of(file: ByteFile, block: FrdBlock, first: int, most: int) -> Cha
 def record_ids(
     path: Path, blocks: Sequence[FrdBlock], characters: Characters, first: int = 0
 ) -> IntArray:
-    """The node of each record; as many records of each of `blocks`, which are of one form.
+    """Node of each record; all `blocks` have the same form and number of records.
 
     `first` is the number of the first record in its block.
     """
     form = blocks[0].form
     if not form.is_text:
         ids: IntArray = np.ascontiguousarray(characters[:, :4]).view("<i4")[:, 0].astype(np.int64)
-        fine: BoolArray = ids > 0
+        is_valid: BoolArray = ids > 0
     else:
-        mark, after = b" -1", form.head_bytes
-        ids, fine = fixed_integers(characters[:, _MARK:after])
+        marker, head_end = b" -1", form.head_bytes
+        ids, is_valid = fixed_integers(characters[:, _MARK:head_end])
         for start, end in form.spans:
-            for column, character in enumerate(mark, start=start - after):
-                fine &= characters[:, column] == character
-            fine &= characters[:, end + form.line_end - 1] == ord("\n")
-            mark = b" -2"  # on every line but the first
-    if not fine.all():
-        row = int(np.argmin(fine))
+            for column, character in enumerate(marker, start=start - head_end):
+                is_valid &= characters[:, column] == character
+            is_valid &= characters[:, end + form.line_end - 1] == ord("\n")
+            marker = b" -2"  # on every line but the first
+    if not is_valid.all():
+        row = int(np.argmin(is_valid))
         block_index, number = divmod(row, len(characters) // len(blocks))
         raise ResultError(
             f"{blocks[block_index]}: record {first + number + 1} of {blocks[block_index].records} "
-            f"begins with {characters[row, : _MARK + 10].tobytes()!r}, or is not as long as the "
-            "others",
+            f"begins with {characters[row, : _MARK + 10].tobytes()!r}, or has another length",
             path,
         )
     return ids
 
 
 def record_values(path: Path, blocks: Sequence[FrdBlock], characters: Characters) -> FloatArray:
-    """Values, ``(record, component)``, as the file has them: float32 stays so."""
+    """Values ``(record, component)`` in the type of the file; float32 is not converted."""
     form, count = blocks[0].form, len(blocks[0].form.stored)
     if not form.is_text:
         # Copied as one void: faster than value by value.
@@ -658,7 +679,7 @@ def record_values(path: Path, blocks: Sequence[FrdBlock], characters: Characters
         return packed_values.reshape(-1, count)
     fields = np.concatenate([characters[:, start:end] for start, end in form.spans], axis=1)
     try:
-        return _floats(fields.reshape(-1, count, _FIELD))
+        return _parse_floats(fields.reshape(-1, count, _FIELD))
     except ValueError as error:
         row, column, problem = error.args
         node = record_ids(path, blocks[:1], characters[row : row + 1])[0]
@@ -668,59 +689,59 @@ def record_values(path: Path, blocks: Sequence[FrdBlock], characters: Characters
 
 
 def irregular_records(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatArray]:
-    """Nodes and values of a text block whose lines are of unequal length.
+    """Nodes and values of a text block with lines of unequal length.
 
-    Some builds print exponents of three digits, ``-5.28012E-003``: one character too
-    many for the field, so that nothing is where it should be. A field then is what has
-    the form of a number; there is a blank or a sign in front of it, or nothing.
+    Some builds print exponents of three digits, ``-5.28012E-003``, which overflow the field and
+    shift all others. Fields are then recognised by the form of a number, with or without a blank
+    or sign before it.
     """
     closing_at = file.find(b"\n -3", block.offset - 1)
-    at, end = block.offset, file.size if closing_at is None else closing_at + 1
+    offset, end = block.offset, file.size if closing_at is None else closing_at + 1
     head, nodes, values = block.form.head_bytes, array("q"), array("d")
     width = len(block.form.stored)
-    counts: set[int] = set()  # of values in the records that are whole
-    exponents: set[bool] = set()  # whether they are filled up to three digits: all or none
-    while at < end:
-        text = file.take(at, min(_TEXT_BYTES, end - at))
-        text = text if at + len(text) == end else text[: text.rfind(b"\n") + 1]
+    counts: set[int] = set()  # of values in complete records
+    exponents: set[bool] = set()  # whether exponents are padded to three digits: all or none
+    while offset < end:
+        text = file.take(offset, min(_TEXT_BYTES, end - offset))
+        text = text if offset + len(text) == end else text[: text.rfind(b"\n") + 1]
         if not text:
-            raise ResultError(f"{block}: no line at byte {at}", file.path)
-        at += len(text)
+            raise ResultError(f"{block}: no line at byte {offset}", file.path)
+        offset += len(text)
         for line in text.splitlines():
-            mark, front, rest = line[:_MARK], line[_MARK:head].strip(), line[head:]
-            if mark == b" -1" and front.isdigit():
+            mark, prefix, rest = line[:_MARK], line[_MARK:head].strip(), line[head:]
+            if mark == b" -1" and prefix.isdigit():
                 if nodes:
                     counts.add(len(values) - width * (len(nodes) - 1))
-                nodes.append(int(front))
-                mark, front = b" -2", b""
-            is_whole = (mark, front) == (b" -2", b"") and nodes and counts <= {width}
+                nodes.append(int(prefix))
+                mark, prefix = b" -2", b""
+            is_whole = (mark, prefix) == (b" -2", b"") and nodes and counts <= {width}
             fields = _LONG_FIELD.findall(rest)
             is_whole = is_whole and _LONG_FIELDS.fullmatch(rest) is not None
             if not is_whole or any(map(_SHORT_FIELD.fullmatch, fields)):
                 message = f"record {len(nodes)} of {block.records} has {line[:24]!r}"
                 raise ResultError(f"{block}: {message}", file.path)
-            values.extend(map(_number, fields))
+            values.extend(map(_parse_number, fields))
             exponents.update(map(bool, _EXPONENT.findall(rest)))
     if len(nodes) != block.records or len(values) != width * len(nodes):
         message = f"{len(nodes)} of {block.records} records, {len(values)} values"
         raise ResultError(f"{block}: {message}", file.path)
     if len(exponents) > 1:
-        raise ResultError(f"{block}: exponents of two digits and of three, as E-030", file.path)
+        raise ResultError(f"{block}: exponents of two and of three digits, as E-030", file.path)
     return np.array(nodes, dtype=np.int64), np.array(values).reshape(-1, width)
 
 
-def _floats(fields: Characters) -> FloatArray:
-    """E12.5 fields, ``(row, column, 12)`` -> ``(row, column)``; NaN and INF are read as such.
+def _parse_floats(fields: Characters) -> FloatArray:
+    """E12.5 fields, ``(row, column, 12)`` -> ``(row, column)``, with NaN and infinity.
 
     Raises
     ------
     ValueError
-        A field is no number: its row, its column, and what it is.
+        A field is not a number; arguments: row, column, message.
     """
     values, parsed = fixed_floats(fields.reshape(-1, _FIELD))
     for row in np.flatnonzero(~parsed).tolist():
         try:
-            values[row] = _number(fields.reshape(-1, _FIELD)[row].tobytes())
+            values[row] = _parse_number(fields.reshape(-1, _FIELD)[row].tobytes())
         except ValueError as error:
             raise ValueError(*divmod(row, fields.shape[1]), str(error)) from error
     return values.reshape(fields.shape[:2])
@@ -729,9 +750,9 @@ def _floats(fields: Characters) -> FloatArray:
 class ElementRows(NamedTuple):
     """Elements of one type: `ids` and `material` ``(M,)``, `corners` ``(M, k)``.
 
-    Nodes are in the order of the file: corners, then mid-sides; hex20 and wedge15 have the
-    mid-sides of the bottom, the ones between, and then those of the top (deck nodes
-    1-12, 17-20, 13-16; 1-9, 13-15, 10-12).
+    Nodes are in file order: corners, then mid-sides; for hex20 and wedge15 the mid-sides of the
+    bottom, of the vertical edges, and of the top (deck nodes 1-12, 17-20, 13-16; 1-9, 13-15,
+    10-12).
     """
 
     type: int
@@ -743,58 +764,62 @@ class ElementRows(NamedTuple):
 def element_rows(
     file: ByteFile, elements: ElementBlock, nodes: Collection[int] = ()
 ) -> Iterator[ElementRows]:
-    """The elements, in tables of one type; a record that is none is a `ResultError`.
+    """Elements in tables of one type; an invalid record raises a `ResultError`.
 
-    Of `nodes`, where there are any, at least those that have one of them.
+    With `nodes`, at least the elements that have one of them.
     """
     if elements.flag >= 2:
         yield from (rows for rows, _ in packed_elements(file, elements.offset, elements.records))
         return
-    width, at = 5 if elements.flag == 0 else 10, elements.offset
+    width, offset = 5 if elements.flag == 0 else 10, elements.offset
     node_fields = [b"%*d" % (width, node) for node in nodes]
-    while at < elements.end:
-        text = file.take(at, min(_MESH_BYTES, elements.end - at))
-        if at + len(text) < elements.end:  # a chunk ends before the head of an element
+    while offset < elements.end:
+        text = file.take(offset, min(_MESH_BYTES, elements.end - offset))
+        if offset + len(text) < elements.end:  # a chunk ends before the head of an element
             text = text[: text.rfind(b"\n -1") + 1]
         if not text:
-            raise ResultError(f"element block: no element at byte {at}", file.path)
-        at += len(text)
+            raise ResultError(f"element block: no element at byte {offset}", file.path)
+        offset += len(text)
         if not node_fields or any(node in text for node in node_fields):
-            lines = text.split(b"\n")[: -2 if at == elements.end else -1]  # without -3
+            lines = text.split(b"\n")[: -2 if offset == elements.end else -1]  # without -3
             if lines:
                 yield from _elements_of_lines(lines, width, file.path)
 
 
 def packed_elements(file: ByteFile, offset: int, records: int) -> Iterator[tuple[ElementRows, int]]:
-    """Packed elements, and the offset behind them.
+    """Binary elements, and the offset after them.
 
-    Elements of one type are together and have one length: the run grows as long as the
-    types agree.
+    Consecutive elements of one type have equal length and are read together.
     """
-    at, done = offset, 0
-    while done < records:
-        head = file.peek(at, 8)
+    position, read_count = offset, 0
+    while read_count < records:
+        head = file.peek(position, 8)
         kind = int.from_bytes(head[4:], "little")
         if len(head) == 8 and kind not in NODES_OF_TYPE:
-            raise ResultError(f"element type {kind} at byte {at} is unknown", file.path)
+            raise ResultError(f"element type {kind} at byte {position} is unknown", file.path)
         width = 4 * (4 + NODES_OF_TYPE.get(kind, 0))  # id, type, 0, material
-        if at + width > file.size:
+        if position + width > file.size:
             raise ResultError(f"element block: cut: {records} elements announced", file.path)
-        look, same = 16, 1
-        while same and done < records and at + width <= file.size:
-            count = min(look, records - done, CHUNK_BYTES // width, (file.size - at) // width)
-            table = np.frombuffer(file.take(at, count * width), "<i4").reshape(count, -1)
+        look_ahead, same_count = 16, 1
+        while same_count and read_count < records and position + width <= file.size:
+            count = min(
+                look_ahead,
+                records - read_count,
+                CHUNK_BYTES // width,
+                (file.size - position) // width,
+            )
+            table = np.frombuffer(file.take(position, count * width), "<i4").reshape(count, -1)
             of_kind = table[:, 1] == kind
-            same = count if of_kind.all() else int(np.argmin(of_kind))
-            if same:
-                rows = table[:same].astype(np.int64)
-                at, done = at + same * width, done + same
-                yield ElementRows(kind, rows[:, 0], rows[:, 3], rows[:, 4:]), at
-            look *= 4
+            same_count = count if of_kind.all() else int(np.argmin(of_kind))
+            if same_count:
+                rows = table[:same_count].astype(np.int64)
+                position, read_count = position + same_count * width, read_count + same_count
+                yield ElementRows(kind, rows[:, 0], rows[:, 3], rows[:, 4:]), position
+            look_ahead *= 4
 
 
 def _elements_of_lines(lines: list[bytes], width: int, path: Path) -> Iterator[ElementRows]:
-    """Printed elements: a line `` -1`` of id, type, group, material; lines `` -2`` of nodes."""
+    """Text elements: a line `` -1`` with id, type, group, material; lines `` -2`` with nodes."""
     longest = max(map(len, lines))
     if longest > _LONGEST_ELEMENT_LINE:
         raise ResultError(f"element block: a line of {longest} bytes", path)
@@ -808,7 +833,7 @@ def _elements_of_lines(lines: list[bytes], width: int, path: Path) -> Iterator[E
     kind, kinds_ok = fixed_integers(characters[heads, at_type : at_type + 5])
     material, has_material = fixed_integers(characters[heads, at_type + 10 : at_type + 15])
     material[~has_material] = UNKNOWN_MATERIAL
-    # Fields of a line that are not blank, and to which element they belong.
+    # Non-blank fields of a line, and the element of each.
     fields = characters[tails, _MARK : _MARK + 10 * width].reshape(-1, width)
     text = fields.tobytes().translate(_NO_LINE_END)
     filled = np.frombuffer(text, f"S{width}") != b" " * width
@@ -818,7 +843,7 @@ def _elements_of_lines(lines: list[bytes], width: int, path: Path) -> Iterator[E
     checks = (heads[:1], heads | tails, ids_ok, kinds_ok, nodes_ok, counts > 0)
     if not all(check.all() for check in checks):
         odd = int(np.argmin(heads | tails))
-        raise ResultError(f"element block: {lines[odd][:80]!r} is no element", path)
+        raise ResultError(f"element block: {lines[odd][:80]!r}, expected an element", path)
     for kind_and_count in dict.fromkeys(zip(kind.tolist(), counts.tolist(), strict=True)):
         rows = (kind == kind_and_count[0]) & (counts == kind_and_count[1])
         corners = nodes[rows[element]].reshape(-1, kind_and_count[1])
@@ -833,10 +858,10 @@ def values_at(
 ) -> FloatArray:
     """Values of `blocks` of one quantity at `nodes`, ``(T, node, component)``.
 
-    Nodes are in the order of the deck's set: not sorted, some duplicate. The rows of the
-    wanted nodes are found once and tried on the next block; the id in front of each
-    record says whether they are still right, and if not they are sought again. Blocks of
-    one form are converted together. `check` gets each block whose nodes are all read.
+    Nodes are in the order of the deck's set: not sorted, with duplicates. The rows of the requested
+    nodes are found once and tried on the next block; the id of each record shows whether they
+    still match, else they are searched again. Blocks of one form are converted together. `check`
+    is called with each block whose nodes are all read.
     """
     requested = np.array(nodes, dtype=np.int64)
     values = np.empty((len(blocks), requested.size, len(blocks[0].components)))
@@ -881,17 +906,17 @@ def values_at(
 
 
 def _gather(file: ByteFile, block: FrdBlock, rows: IntArray) -> Characters:
-    """The records at `rows`, in that order, ``(record, byte)``."""
+    """Records at `rows`, in that order, ``(record, byte)``."""
     first, last = int(rows.min()), int(rows.max())
     if (last - first + 1) * block.form.record_bytes <= max(
         _SEEK_BYTES, 4 * rows.size * block.form.record_bytes
     ):
-        return characters_of(file, block, first, last - first + 1)[rows - first]
-    return np.concatenate([characters_of(file, block, row, 1) for row in rows.tolist()])
+        return read_characters(file, block, first, last - first + 1)[rows - first]
+    return np.concatenate([read_characters(file, block, row, 1) for row in rows.tolist()])
 
 
-def materials_at(index: FrdIndex, nodes: Sequence[int] | IntArray) -> IntArray:
-    """Each of `nodes` with each material of an element there, ``(M, 2)``, rising."""
+def find_materials(index: FrdIndex, nodes: Sequence[int] | IntArray) -> IntArray:
+    """Pairs of node and material of its elements, ``(M, 2)``, sorted, for all `nodes`."""
     pairs = [np.empty((0, 2), dtype=np.int64)]
     requested = np.unique(np.asarray(nodes, dtype=np.int64))
     if index.elements is not None and requested.size:
@@ -902,8 +927,8 @@ def materials_at(index: FrdIndex, nodes: Sequence[int] | IntArray) -> IntArray:
     return np.unique(np.concatenate(pairs), axis=0)
 
 
-def attempts_of(path: Path) -> list[StaRow]:
-    """Attempts at increments in the ``.sta`` beside; none where it cannot be read."""
+def read_attempts(path: Path) -> list[StaRow]:
+    """Attempts at increments in the ``.sta`` of the same name; none if it cannot be read."""
     sta_path = path.with_suffix(".sta")
     try:
         return read_sta(sta_path) if sta_path.exists() else []
@@ -911,22 +936,22 @@ def attempts_of(path: Path) -> list[StaRow]:
         return []
 
 
-def imaginary(name: str) -> str:
-    """The name of the imaginary part of a quantity: eight letters are printed."""
+def imaginary_name(name: str) -> str:
+    """Name of the imaginary part of a quantity; CalculiX prints eight letters."""
     return f"{name[:7]}I"
 
 
-def _counts(line: bytes, *places: tuple[int, int]) -> list[int]:
-    """The counts at `places` of a header; not what Python calls an integer, as ``1_0``."""
+def _parse_counts(line: bytes, *places: tuple[int, int]) -> list[int]:
+    """Counts at `places` of a header; Python's other forms, such as ``1_0``, raise ValueError."""
     for start, end in places:
         if not line[start:end].strip().isdigit():
             field = line[start:end].decode("latin-1")
-            raise ValueError(f"{field!r} where a count is expected in {line[:12].strip()!r}")
+            raise ValueError(f"{field!r}, expected a count in {line[:12].strip()!r}")
     return [int(line[start:end]) for start, end in places]
 
 
-def _number(field: bytes) -> float:
-    """One field that may be a NaN, infinite or with a long exponent."""
+def _parse_number(field: bytes) -> float:
+    """A number that may be NaN, infinite or have a long exponent."""
     if re.fullmatch(rb" *[+-]?\d\.\d{5}[Ee][+-]\d{2,3} *", field):
         return float(field)
     if re.fullmatch(rb" *[+-]?(nan.*|1\.#(ind|qnan|snan).*)", field, re.IGNORECASE):
@@ -934,7 +959,7 @@ def _number(field: bytes) -> float:
     infinite = re.fullmatch(rb" *([+-]?)(inf|infinity|1\.#inf.*) *", field, re.IGNORECASE)
     if infinite:
         return float(infinite[1] + b"inf")
-    raise ValueError(f"{field.decode('latin-1')!r} is no number")
+    raise ValueError(f"{field.decode('latin-1')!r}, expected a number")
 
 
 Outputs = Sequence[dict[str, FrdBlock]]
@@ -946,16 +971,16 @@ class FrdSource(FieldSource[FrdBlock]):
     def __init__(self, file: ByteFile, options: ReadOptions) -> None:
         super().__init__(file, options)
         self._index = FrdIndex(file)
-        self._last_nodes: dict[str, tuple[FrdBlock, IntArray]] = {}  # by quantity
+        self._previous_nodes: dict[str, tuple[FrdBlock, IntArray]] = {}  # by quantity
         self._changes = 0  # of nodes, within a step
 
     def unit_system(self) -> UnitSystem | None:
-        """That of the deck's heading, which CalculiX copies to the start of its results."""
+        """Unit system in the deck's heading, which CalculiX copies to the results."""
         return unit_system_in(self.file.peek(0, _HEADING_BYTES).decode("latin-1"))
 
     def describe(self) -> Table:
-        """Mesh, quantities, increments, what is wrong; and sets of the deck beside."""
-        from fembridge.results.nodes import sets_beside
+        """Mesh, quantities, increments, defects, and the sets of the deck of the same name."""
+        from fembridge.results.nodes import describe_deck_sets
 
         index = self._index
         problems = (self.file.change, index.problem())
@@ -969,14 +994,53 @@ class FrdSource(FieldSource[FrdBlock]):
             "mesh_nodes": None if index.nodes is None else index.nodes.records,
             "elements": None if index.elements is None else index.elements.records,
             "materials": dict(sorted(index.materials.items())),
-            "sets": sets_beside(self.path),
+            "sets": describe_deck_sets(self.path),
             "quantities": quantities,
             "remarks": list(index.remarks),
             "problem": "; ".join(problem for problem in problems if problem) or None,
         }
 
+    def element_corners(self, elements: Sequence[int]) -> Mapping[int, Sequence[int]]:
+        """Nodes of each of `elements`, in file order."""
+        index = self._index
+        if index.elements is None:
+            return {}
+        return {
+            int(rows.ids[row]): rows.corners[row].tolist()
+            for rows in element_rows(index.file, index.elements, ())
+            for row in np.flatnonzero(np.isin(rows.ids, elements))
+        }
+
+    def shell_node(self, nodes: Sequence[int]) -> int | None:
+        """The first of `nodes` in a shell that was not expanded, as of OUTPUT=2D.
+
+        Such an element is flat like a plane one. The deck beside the file tells them apart, and
+        without it nodes that differ in z.
+        """
+        index = self._index
+        if index.elements is None or not nodes:
+            return None
+        flat: dict[int, set[int]] = {}  # nodes of the flat elements at each of `nodes`
+        few = list(nodes) if len(nodes) <= _FEW_NODES else ()
+        for rows in element_rows(index.file, index.elements, few):
+            if rows.type in _FLAT_TYPES:
+                for row in np.flatnonzero(np.isin(rows.corners, nodes).any(axis=1)).tolist():
+                    corners = set(rows.corners[row].tolist())
+                    for node in corners.intersection(nodes):
+                        flat.setdefault(node, set()).update(corners)
+        if not flat:
+            return None
+        from fembridge.results.nodes import shell_nodes
+
+        first = min(flat)
+        if (known := shell_nodes(self.path.with_suffix(".inp"), flat)) is not None:
+            return min(known, default=None)
+        numbers, at_mm = self._coordinates()
+        z_mm = at_mm[np.isin(numbers, list(set().union(*flat.values()))), 2]
+        return first if z_mm.size and np.ptp(z_mm) > 0 else None
+
     def _nodes_of(self, block: FrdBlock) -> IntArray:
-        """Its nodes, each once; those of the mesh are read once for all blocks of all of it."""
+        """Distinct nodes of `block`; blocks of the whole mesh share one array."""
         nodes = self._index.nodes
         covers_mesh = nodes is not None and nodes.records == block.records and not block.free
         return self._mesh_nodes if covers_mesh else np.unique(node_ids(self.file, block))
@@ -991,12 +1055,11 @@ class FrdSource(FieldSource[FrdBlock]):
         return np.empty(0, dtype=np.int64) if nodes is None else node_ids(self.file, nodes)
 
     def outputs(self) -> list[dict[str, FrdBlock]]:
-        """Blocks of each output that counts, in file order.
+        """Blocks of each converged output, in file order.
 
-        An output is what CalculiX writes at one increment (or of one mode): blocks with the
-        same step and increment that follow each other. A run that did not end well may close
-        with one that never converged: stress is written of converged increments alone, so a
-        STRESS block shows convergence; without one the ``.sta`` file has to.
+        An output has consecutive blocks of the same step and increment, or of one mode. The last
+        output of a run that did not end normally may not have converged. CalculiX writes stress
+        only of converged increments, so a STRESS block shows convergence; else the ``.sta`` does.
         """
         index, options = self._index, self.options
         problem = index.problem()
@@ -1014,30 +1077,30 @@ class FrdSource(FieldSource[FrdBlock]):
                 outputs.append({})
             outputs[-1][block.name], last_key = block, block.key
         if outputs and not index.ended:
-            failed = {(row.step, row.increment): row.failed for row in attempts_of(self.path)}
+            failed = {(row.step, row.increment): row.failed for row in read_attempts(self.path)}
             if failed.get(last_key, STRESS not in outputs[-1]):
-                options.note(f"dropped step {last_key[0]}, increment {last_key[1]}: not converged")
+                options.note(
+                    f"left out: step {last_key[0]}, increment {last_key[1]} (not converged)"
+                )
                 outputs.pop()
         if not outputs:
-            message = "no whole, converged increment in it"
-            if not index.blocks:  # and yet it ended well
-                message = (
-                    "a mesh and no results: the deck has no *NODE FILE or *EL FILE; its prints, "
-                )
-                message += f"where it asks for any, are in {self.path.stem}.dat"
+            message = "no complete, converged increment"
+            if not index.blocks:  # although the run ended normally
+                message = "a mesh without results: the deck has no *NODE FILE or *EL FILE; printed "
+                message += f"results, if requested, are in {self.path.stem}.dat"
             raise ResultError(message, self.path)
         return self._with_records(outputs)
 
     def _with_records(self, outputs: Outputs) -> list[dict[str, FrdBlock]]:
         nonempty = [
-            {name: block for name, block in out.items() if block.records} for out in outputs
+            {name: block for name, block in output.items() if block.records} for output in outputs
         ]
         empty: dict[str, FrdBlock] = {}
-        for name, block in ((name, block) for out in outputs for name, block in out.items()):
+        for name, block in ((name, block) for output in outputs for name, block in output.items()):
             if not block.records:
                 empty.setdefault(name, block)  # the first
         for name, block in empty.items():
-            # Where there is nothing else, all are named: what was asked for is among them.
+            # In a file without records name all quantities, the requested one among them.
             message = str(block) if any(nonempty) else str(block).replace(name, ", ".join(empty), 1)
             message += _NO_RECORDS
             if not any(nonempty):
@@ -1045,100 +1108,104 @@ class FrdSource(FieldSource[FrdBlock]):
             self.options.note(f"left out: {message}")
         return [output for output in nonempty if output]
 
-    def having(self, outputs: Outputs, names: Sequence[str]) -> list[dict[str, FrdBlock]]:
-        """Outputs that have all quantities `names`, and these alone.
+    def select_outputs(self, outputs: Outputs, names: Sequence[str]) -> list[dict[str, FrdBlock]]:
+        """Outputs that have all quantities `names`, reduced to these.
 
         Raises
         ------
         ResultError
-            One has some and not all, or stress or displacement is gone after an output of the
-            same step that has it, and `partial` is not set.
+            Without `partial`: an output has some of the quantities but not all, or lacks stress or
+            displacement after an output of the same step that has it.
         """
-        had, others = set[int](), set[int]()
+        steps_with_names, steps_without_names = set[int](), set[int]()
         selected = []
         for output in outputs:
             step, increment = next(iter(output.values())).key
             absent = [name for name in names if name not in output]
-            lost = step in had and not COMPONENTS.keys().isdisjoint(names)
+            lost = step in steps_with_names and not COMPONENTS.keys().isdisjoint(names)
             if len(absent) < len(names):
-                had.add(step)
+                steps_with_names.add(step)
             if not absent:
                 selected.append({name: output[name] for name in names})
             elif len(absent) < len(names) or lost:
-                # CalculiX writes them at every output of a step from the first that has them.
+                # CalculiX writes them at every output of a step after the first that has them.
                 message = f"step {step}, increment {increment} has no {absent[0]}"
-                self.options.refuse(message, self.path, noted=f"dropped: {message}")
+                self.options.refuse(message, self.path, partial_note=f"left out: {message}")
             else:
-                others.add(step)
-        if others:
-            left = ", ".join(map(str, sorted(others)))
-            self.options.note(f"left out: outputs without {' and '.join(names)} in step {left}")
+                steps_without_names.add(step)
+        if steps_without_names:
+            steps_text = ", ".join(map(str, sorted(steps_without_names)))
+            self.options.note(
+                f"left out: outputs without {' and '.join(names)} in step {steps_text}"
+            )
         if not selected:
             raise ResultError(f"no increment has all of {', '.join(names)}", self.path)
         return selected
 
-    def history_name(self, available: Sequence[str], quantity: str | None) -> str:
-        """Stress, but for the real part of a complex one, else displacement, else the first."""
+    def choose_name(self, available: Sequence[str], quantity: str | None) -> str:
+        """Stress unless it is complex, else displacement, else the first quantity."""
         stress = self._index.named(STRESS)[:1]
         tensor = stress and set(COMPONENTS[STRESS]) <= set(stress[0].components)
-        if quantity in OF_STRESS or (
+        if quantity in STRESS_FUNCTIONS or (
             quantity is None
             and tensor
             and STRESS in available
-            and imaginary(STRESS) not in available
+            and imaginary_name(STRESS) not in available
         ):
             quantity = STRESS
-        name = self.field_name(available, quantity)
+        name = self.match_name(available, quantity)
         for real in available:
-            if (part := imaginary(real)) in available and name in (real, part):
+            if (part := imaginary_name(real)) in available and name in (real, part):
                 message = f"{real} is the real part of amplitudes, {part} the imaginary"
                 self.options.note(message)
         return name
 
-    def field_name(self, available: Sequence[str], quantity: str | None) -> str:
-        """The name among those `available`; of one without records why there are none."""
+    def match_name(self, available: Sequence[str], quantity: str | None) -> str:
+        """Name of `quantity`, one of `available`; a quantity without records raises."""
         blocks = self._index.blocks
         empty = {b.name: b for b in reversed(blocks) if not b.records and b.name not in available}
-        name = name_in(available if quantity is None else [*available, *empty], quantity, self.path)
+        name = match_quantity(
+            available if quantity is None else [*available, *empty], quantity, self.path
+        )
         if name in empty:
             raise ResultError(f"{empty[name]}{_NO_RECORDS}", self.path)
         return name
 
-    def at_nodes(self, blocks: Sequence[FrdBlock], nodes: Sequence[int]) -> FloatArray:
+    def node_values(self, blocks: Sequence[FrdBlock], nodes: Sequence[int]) -> FloatArray:
         """Values of one quantity, ``(T, node, component)``; stress inside one material."""
         values = values_at(self.file, blocks, nodes, self._check_nodes)
-        if blocks[0].name == STRESS and not (inside := self._as_modelled(nodes, values)).all():
+        if blocks[0].name == STRESS and not (inside := self._inside_material(nodes, values)).all():
             node, names = nodes[int(np.argmin(inside))], self._index.materials
-            met = materials_at(self._index, [node])[:, 1].tolist()
+            met = find_materials(self._index, [node])[:, 1].tolist()
             layers = " and ".join(names.get(material, f"material {material}") for material in met)
             raise ResultError(
-                f"node {node} is between {layers}: its stress is a mean "
-                "over both and belongs to neither; take a node inside one layer, or ask "
-                "for it with --across-materials (across_materials=True)",
+                f"node {node} is between {layers}, where the mean stress belongs to neither: take "
+                "a node inside one layer, or the mean with --across-materials "
+                "(across_materials=True)",
                 self.path,
             )
         with np.errstate(over="ignore"):
             values *= [self.options.scale(unit) for unit in blocks[0].units]
         return values
 
-    def everywhere(self, blocks: Sequence[FrdBlock]) -> tuple[IntArray, FloatArray]:
-        """All nodes that any of `blocks` has, but for stress between materials."""
-        nodes, values = super().everywhere(blocks)
-        if blocks[0].name != STRESS or (inside := self._as_modelled(nodes, values)).all():
+    def all_node_values(self, blocks: Sequence[FrdBlock]) -> tuple[IntArray, FloatArray]:
+        """All nodes of `blocks` and their values, without stress between materials."""
+        nodes, values = super().all_node_values(blocks)
+        if blocks[0].name != STRESS or (inside := self._inside_material(nodes, values)).all():
             return nodes, values
         if not inside.any():
-            raise ResultError("no node with stress lies inside one material", self.path)
+            raise ResultError("no node with stress is inside one material", self.path)
         self.options.note(
-            f"left out: {(~inside).sum()} of {inside.size} nodes, between materials, where "
-            "stress is a mean over them; --across-materials (across_materials=True) takes it"
+            f"left out: {(~inside).sum()} of {inside.size} nodes, between materials; "
+            "--across-materials (across_materials=True) takes their mean stress"
         )
         return nodes[inside], values[:, inside]
 
-    def _as_modelled(self, nodes: Sequence[int] | IntArray, stress: FloatArray) -> BoolArray:
-        """Which of `nodes` are inside one material, or are taken so.
+    def _inside_material(self, nodes: Sequence[int] | IntArray, stress: FloatArray) -> BoolArray:
+        """Whether each of `nodes` is inside one material, or accepted between materials.
 
-        Their `stress` is made the sum over branches of relaxing skin, without shear on a
-        half's axis.
+        Changes `stress` in place: the sum over branches of relaxing skin, and no shear on the axis
+        of a half section.
         """
         options, numbers = self.options, np.asarray(nodes, dtype=np.int64)
         branches = np.array([options.branches.get(node, 1) for node in numbers.tolist()])
@@ -1147,53 +1214,56 @@ class FrdSource(FieldSource[FrdBlock]):
             clear_shear(stress, numbers.tolist(), options.on_axis)
         if options.across_materials:
             return np.ones(numbers.size, dtype=np.bool_)
-        element_nodes, met = np.unique(materials_at(self._index, numbers)[:, 0], return_counts=True)
+        element_nodes, met = np.unique(
+            find_materials(self._index, numbers)[:, 0], return_counts=True
+        )
         inside: BoolArray = (
             np.append(met, 0)[rows_of(numbers, element_nodes)] <= branches
         )  # -1: no element
         return inside
 
-    def whole(self, block: FrdBlock, known: IntArray | None = None) -> Field:
-        """All of `block`; nodes that are `known` are kept once."""
-        if known is None:
+    def read_field(self, block: FrdBlock, known_nodes: IntArray | None = None) -> Field:
+        """Field of `block`; equal node numbers reuse the array `known_nodes`."""
+        if known_nodes is None:
             np.empty(_KEPT_BYTES, dtype=np.uint8)
         nodes, values = block_table(self.file, block)
         scales = [self.options.scale(unit) for unit in block.units]
-        with np.errstate(over="ignore"):  # a number that overflows is not finite
+        with np.errstate(over="ignore"):  # an overflow is infinite
             if set(scales) != {1.0}:
                 values *= scales if len(set(scales)) > 1 else scales[0]
-        same = known is not None and np.array_equal(nodes, known)
-        if not same:
+        is_same = known_nodes is not None and np.array_equal(nodes, known_nodes)
+        if not is_same:
             inside = self._check_nodes(block, nodes, values)
             if not inside.all():
                 nodes, values = nodes[inside], values[inside]
-        return field_of(block, known if same and known is not None else nodes, values, self.path)
+        return make_field(
+            block, known_nodes if is_same and known_nodes is not None else nodes, values, self.path
+        )
 
     def _check_nodes(
         self, block: FrdBlock, nodes: IntArray, values: FloatArray | None = None
     ) -> BoolArray:
-        """Which of the `nodes` of `block` the mesh has; a contradiction is refused.
+        """Whether each of the `nodes` of `block` is in the mesh; a contradiction is refused.
 
-        All of them are in the mesh, and one that is there twice has the same `values` (None
-        reads them). Within a step all blocks of a quantity have the same nodes, but for contact:
-        another one is noted.
+        Duplicate nodes must have equal `values` (None reads them). Within a step all blocks of a
+        quantity except contact have the same nodes; a change is noted.
         """
         mesh = self._mesh_nodes
         inside: BoolArray = np.ones(nodes.size, dtype=np.bool_)
-        before = self._last_nodes.get(block.name) or self._neighbour(block)
-        self._last_nodes[block.name] = block, nodes
+        before = self._previous_nodes.get(block.name) or self._neighbour(block)
+        self._previous_nodes[block.name] = block, nodes
         if self._index.nodes is not None and not np.array_equal(nodes, mesh):
             inside = is_in_sorted(nodes, self._sorted_mesh_nodes)
             if not inside.all():
-                message = f"{block} has node {nodes[~inside][0]}, which the mesh has not"
+                message = f"{block} has node {nodes[~inside][0]}, which is not in the mesh"
                 count = int((~inside).sum())
-                message += f", and {count - 1} more of them" * (count > 1)
+                message += f", and {count - 1} more" * (count > 1)
                 if self._must_be_in_mesh(block, nodes[~inside], before):
-                    self.options.refuse(message, self.path, noted=f"left out: {message}")
+                    self.options.refuse(message, self.path, partial_note=f"left out: {message}")
                 else:  # CalculiX: nodes of elements that *MODEL CHANGE removed, of a coil's domain
                     self.options.note(message)
                     inside[:] = True
-            if (node := self._contradicted(block, nodes, values)) is not None:
+            if (node := self._contradictory_node(block, nodes, values)) is not None:
                 self.options.refuse(f"{block} has two values at node {node}", self.path)
         if before is None or _CONTACT.match(block.name):
             return inside
@@ -1202,11 +1272,11 @@ class FrdSource(FieldSource[FrdBlock]):
             changed = np.flatnonzero(last_nodes != nodes)
             if changed.size:
                 row = changed[0]
-                message = f"{block} has node {nodes[row]} where {previous} has {last_nodes[row]}"
+                message = f"{block} has node {nodes[row]}, {previous} has {last_nodes[row]}"
                 suffix = f", and {changed.size - 1} other changes" * (changed.size > 1)
                 self._changes += 1
-                if self._changes <= _MOST_CHANGES:
-                    self.options.note(f"{message}{suffix}: nodes of a step stay the same")
+                if self._changes <= _MAX_CHANGES:
+                    self.options.note(f"{message}{suffix}: the nodes change within a step")
         return inside
 
     def _must_be_in_mesh(
@@ -1214,8 +1284,8 @@ class FrdSource(FieldSource[FrdBlock]):
     ) -> bool:
         """Whether nodes `absent` from the mesh contradict the mesh or the block `before`.
 
-        A block with as many records as the mesh has all nodes of the mesh and no others. A part
-        of the mesh has the same nodes in each block of a step.
+        A block with as many records as the mesh has exactly its nodes. An output of a part of the
+        mesh has the same nodes in each block of a step.
         """
         mesh = self._index.nodes
         if mesh is not None and block.records == mesh.records:
@@ -1225,7 +1295,7 @@ class FrdSource(FieldSource[FrdBlock]):
         return not np.isin(absent, before[1]).all()
 
     def _neighbour(self, block: FrdBlock) -> tuple[FrdBlock, IntArray] | None:
-        """A block of the same quantity, step and count, of a part of the mesh, and its nodes."""
+        """Another block of the same quantity, step and count, and its nodes; not of all nodes."""
         mesh = self._index.nodes
         if mesh is None or block.records == mesh.records or _CONTACT.match(block.name):
             return None
@@ -1235,10 +1305,10 @@ class FrdSource(FieldSource[FrdBlock]):
                 return other, node_ids(self.file, other)
         return None
 
-    def _contradicted(
+    def _contradictory_node(
         self, block: FrdBlock, nodes: IntArray, values: FloatArray | None
     ) -> int | None:
-        """A node that `block` has twice, with two values; None if there is none."""
+        """A duplicate node of `block` with different values; None if there is none."""
         order = np.argsort(nodes, kind="stable")
         again = np.flatnonzero(np.diff(nodes[order]) == 0)
         if not again.size:
@@ -1249,39 +1319,45 @@ class FrdSource(FieldSource[FrdBlock]):
         return int(nodes[order[again[np.argmax(other)]]]) if other.any() else None
 
     def last_digit_ms(self, times_ms: FloatArray) -> FloatArray:
-        """Below one second a ``.frd`` prints six digits, above it ten."""
+        """Last digit of times: a ``.frd`` has six digits below one second, ten above."""
         return printed_digit_ms(times_ms, np.where(times_ms < MS_PER_S, 6, 10))
 
-    def places(self) -> tuple[IntArray, FloatArray, BoolArray]:
-        """Nodes, coordinates ``(n, 3)`` in mm, and which have stress, or without any results."""
+    def node_positions(self) -> tuple[IntArray, FloatArray, BoolArray]:
+        """Nodes ``(n,)``, coordinates ``(n, 3)`` in mm, whether each has results ``(n,)``.
+
+        Results are stress, if the file has stress, else any quantity.
+        """
         index = self._index
         blocks = [block for block in index.named(STRESS) or index.blocks if block.records]
         if not blocks:
             names = ", ".join(index.names) or "nothing"
-            raise ResultError(f"no results at nodes, it holds {names}", self.path)
+            raise ResultError(f"no results at nodes; the file has {names}", self.path)
         nodes_with_results = np.unique(node_ids(self.file, blocks[0]))
         nodes, at_mm = self._coordinates()
         return nodes, at_mm, np.isin(nodes, nodes_with_results)
 
     def sides(self, node: int, set_name: str = "") -> tuple[OneSidedStress, ...]:
-        """Stress at `node` for each material there, lowest number first.
+        """Stress at `node` in each material, lowest number first.
 
-        A ``.frd`` holds one stress a node, the mean over all elements there. What the solver
-        computed is in the ``.dat`` beside it, at integration points inside elements
-        (``*EL PRINT, ELSET=...`` with S): here they are extrapolated to the node, element by
-        element, and averaged over the elements of one material, never over two.
+        A ``.frd`` has one stress at a node, the mean over all its elements. The ``.dat`` of the
+        same name has the stress at the integration points of the element set `set_name`
+        (``*EL PRINT, ELSET=...`` with S). It is extrapolated to the node, element by element, and
+        averaged over the elements of each material.
 
-        The points of an element are those of the brick that CalculiX makes of it: x fastest,
-        then y, then z. In a plane element the layers through the thickness are equal but for
-        rounding, and their mean is taken. Values are the element's own system where it has one
-        (``*ORIENTATION``); without one they are global.
+        The points of an element are those of the brick that CalculiX makes of it: x fastest, then
+        y, then z. In a plane element the layers through the thickness are equal except for
+        rounding, and their mean is used. Values are in the element's local system if it has one
+        (``*ORIENTATION``), else global.
         """
         from fembridge.results.extrapolation import brick_weights
         from fembridge.results.printed import read_point_stress
 
         if not set_name:
-            message = "--one-sided takes the element set that the .dat beside a .frd prints"
-            raise UsageError(message)
+            raise UsageError(
+                "needs the name of an element set that is printed in the .dat of the same name",
+                self.path,
+                argument="one_sided",
+            )
         mesh, dat_path = self.mesh(), self.path.with_suffix(".dat")
         around = [
             (int(cells.ids[row]), int(cells.material[row]), cells.kind, corner)
@@ -1296,8 +1372,7 @@ class FrdSource(FieldSource[FrdBlock]):
             rows = np.flatnonzero(points[:, 0] == element)
             if not rows.size:
                 raise ResultError(
-                    f"set {set_name} has no stress of element {element}, which is at node "
-                    f"{node}: its side would be a guess",
+                    f"set {set_name} has no stress of element {element}, which is at node {node}",
                     dat_path,
                 )
             order = points[rows, 1]
@@ -1322,25 +1397,24 @@ class FrdSource(FieldSource[FrdBlock]):
         )
 
     def scene(self, outputs: Outputs) -> tuple[Outputs, Scene]:
-        """Increments with values at as many nodes as any, and the mesh or those nodes of it."""
-        outputs = _fullest(outputs, self.options)
-        scene = self._drawn(outputs, self.mesh())
-        between = int((scene.met > 1).sum())
+        """Outputs with values at most nodes, and the mesh, or only its nodes with values."""
+        outputs = _select_fullest(outputs, self.options)
+        scene = self._cut_to_values(outputs, self.mesh())
+        between = int((scene.material_count > 1).sum())
         if between:
             self.options.note(
-                f"{between} nodes are between materials ('materials' is 2 or "
-                "more there): nodal stress and strain are a mean over them and belong "
-                "to none"
+                f"{between} nodes are between materials ('materials' is 2 or more there), where "
+                "nodal stress and strain are means that belong to none"
             )
         return outputs, scene
 
     def mesh(self) -> Scene:
-        """Nodes in file order, elements by kind; of plane ones z is 0."""
+        """Mesh with nodes in file order and elements by kind; plane elements have z 0."""
         index, file = self._index, self.file
         if index.nodes is None or index.elements is None:
-            kind = "nodes" if index.nodes is None else "elements"
+            kind = "node" if index.nodes is None else "element"
             problems = "; ".join(harm.problem for harm in index.damage)
-            raise ResultError(f"no whole block of {kind}{problems and ': '}{problems}", file.path)
+            raise ResultError(f"no complete {kind} block{problems and ': '}{problems}", file.path)
         if not index.nodes.records:
             raise ResultError("node block: no nodes", file.path)
         nodes, points_mm = self._coordinates()
@@ -1359,14 +1433,14 @@ class FrdSource(FieldSource[FrdBlock]):
             if (rows < 0).any():
                 absent = elements.corners[rows < 0][0]
                 raise ResultError(
-                    f"an element has node {absent}, which the mesh has not", file.path
+                    f"an element has node {absent}, which is not in the mesh", file.path
                 )
             parts.setdefault(elements.type, []).append((elements.ids, elements.material, rows))
         cells = tuple(
             SceneCells(KIND_OF_TYPE[kind], *map(np.concatenate, zip(*parts[kind], strict=True)))
             for kind in sorted(parts)
         )
-        # Inside a layer 1 material meets, on its boundary 2, at a node of no element none.
+        # 1 material inside a layer, 2 on its boundary, 0 at a node without elements.
         met = np.zeros(nodes.size, dtype=np.int64)
         for number in {number for group in cells for number in np.unique(group.material)}:
             touched = [group.rows[group.material == number].ravel() for group in cells]
@@ -1374,19 +1448,19 @@ class FrdSource(FieldSource[FrdBlock]):
         return Scene(points_mm, nodes, cells, met, dict(index.materials))
 
     def _coordinates(self) -> tuple[IntArray, FloatArray]:
-        """Numbers and coordinates of the nodes, in file order."""
+        """Node numbers and coordinates in mm, in file order."""
         block, path = self._index.nodes, self.path
         if block is None or not block.records:
             raise ResultError("no node block, so no coordinates", path)
         nodes, points_mm = block_table(self.file, block)
         if not np.isfinite(points_mm).all():
-            raise not_finite(block, nodes, points_mm, path)
+            raise not_finite_error(block, nodes, points_mm, path)
         return nodes, points_mm * self.options.length_mm
 
-    def _drawn(self, outputs: Outputs, scene: Scene) -> Scene:
-        """`scene`; or its nodes that have values alone, where no element has them at all nodes.
+    def _cut_to_values(self, outputs: Outputs, scene: Scene) -> Scene:
+        """`scene`, or only its nodes with values if no element has values at all its nodes.
 
-        What is left out, or has no value, is noted once for the file.
+        Nodes that are left out or have no value are noted once for the file.
         """
         blocks: dict[tuple[str, int], FrdBlock] = {}
         for output in outputs:
@@ -1400,27 +1474,31 @@ class FrdSource(FieldSource[FrdBlock]):
             strange = ids[~np.isin(ids, scene.nodes)]
             if strange.size:
                 note(
-                    f"left out: {name} has {strange.size} nodes that the mesh has not, "
-                    f"{strange[0]} among them"
+                    f"left out: {strange.size} nodes of {name} that are not in the mesh, such as "
+                    f"{strange[0]}"
                 )
         if has_any.any() and not any(
             has_any[cells.rows].all(axis=1).any() for cells in scene.cells
         ):
-            note(f"values at {has_any.sum()} of {size} nodes, at no element's all: nodes alone")
+            note(f"values at {has_any.sum()} of {size} nodes, at no complete element: nodes only")
             ids = np.arange(has_any.sum())
             cells = SceneCells(VERTEX, ids, np.full(ids.size, UNKNOWN_MATERIAL), ids[:, None])
-            at_mm, nodes, met = scene.points_mm[has_any], scene.nodes[has_any], scene.met[has_any]
+            at_mm, nodes, met = (
+                scene.points_mm[has_any],
+                scene.nodes[has_any],
+                scene.material_count[has_any],
+            )
             return Scene(at_mm, nodes, (cells,), met, {})
         for (name, _), mask in zip(ids_by_block, masks, strict=True):
             if not mask.all():
-                note(f"{name} has {mask.sum()} of {size} nodes; the others are NaN")
+                note(f"{name} has values at {mask.sum()} of {size} nodes; the others are NaN")
         return scene
 
 
-def _fullest(outputs: Outputs, options: ReadOptions) -> Outputs:
-    """The increments that hold something at as many nodes as any.
+def _select_fullest(outputs: Outputs, options: ReadOptions) -> Outputs:
+    """Outputs with the highest number of nodes for any quantity.
 
-    Those are whole fields in a file that has them now and then, else the afferents alone.
+    These are the full fields of a file that has them at some outputs, else the afferents' nodes.
     """
     most_records: dict[str, int] = {}
     for output in outputs:

@@ -1,9 +1,10 @@
-"""A quantity at nodes over the outputs of a solver: what there is, row by row.
+"""A quantity at nodes at all outputs of a solver.
 
-Unlike a `StressTrace` its rows may be uneven in time, one alone, of several steps, or the
-modes of a frequency or buckling step.
+Unlike a `StressTrace` it may have uneven times, a single output, several steps, or the modes of
+a frequency or buckling step.
 """
 
+import logging
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -12,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fembridge.errors import ResultError, TraceError, UsageError
-from fembridge.results.stress import DERIVED, TENSOR
+from fembridge.errors import ResultError, TraceError, UsageError, warn
+from fembridge.results.von_mises import DERIVED, TENSOR
 from fembridge.trace import (
     MS_PER_S,
     STEP_TOLERANCE,
@@ -26,9 +27,10 @@ from fembridge.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:
     import pandas
+_LOGGER = logging.getLogger(__name__)
 
 STRESS, VON_MISES = "stress", "von-mises"
-# By word: the names that formats have for it, the first that a file has.
+# By quantity: its names in the formats; the first that a file has is used.
 NAMES = {
     STRESS: (
         "STRESS", "Cauchy Stress", "Stress", "Cauchy Stress 41 to 46", "Stress 11 to 16",
@@ -39,14 +41,16 @@ NAMES = {
     "strain": ("TOSTRAIN", "MESTRAIN", "Total Strain", "Elastic Strain"),
     "temperature": ("NDTEMP", "TOTEMP", "Temperature"),
 }  # fmt: skip
-TENSOR_COMPONENTS = tuple(f"S{place.upper()}" for place in TENSOR)
-# By word: what is computed of the tensor.
-OF_STRESS = {
-    name.replace("_", "-"): of for name, (takes, of) in DERIVED.items() if takes == ("STRESS",)
+TENSOR_COMPONENTS = tuple(f"S{component.upper()}" for component in TENSOR)
+# By quantity: its function of the stress tensor.
+STRESS_FUNCTIONS = {
+    name.replace("_", "-"): function
+    for name, (sources, function) in DERIVED.items()
+    if sources == ("STRESS",)
 }
 NO_KEYS = np.empty((0, 2), dtype=np.int64)
-_FEW_STEPS = 0.2  # share of odd steps that may be damage; more are the solver's choice
-IMPLAUSIBLE_PA = 1.0e9  # of soft tissue, whose stresses are some kPa
+_FEW_STEPS = 0.2  # share of other time steps that may be damage; more are the solver's choice
+IMPLAUSIBLE_PA = 1.0e9  # stress in soft tissue is some kPa
 TIME, FREQUENCY = "total time", "frequency in cycles per time"
 _AXES = {TIME: "time_ms", FREQUENCY: "frequency_hz", "buckling factor": "buckling_factor"}
 _UNIT_WORDS = {"": "", "1": "", "%": "percent", "mm/s": "mm_per_s", "mm/s2": "mm_per_s2"}
@@ -54,13 +58,31 @@ _UNIT_WORDS = {"": "", "1": "", "%": "percent", "mm/s": "mm_per_s", "mm/s2": "mm
 
 @dataclass(frozen=True, slots=True, eq=False)
 class History:
-    """`values` ``(T, node, component)`` of `quantity` at `nodes`; NaN where a node has none.
+    """Values of a quantity at nodes at the outputs of a file.
 
-    They are of the file `path`. A row is an output, of the step and increment, or mode, in
-    `keys` ``(T, 2)``. `at` ``(T,)`` is its time in ms, or what `axis` says of a mode. `units`
-    has one word a component. `afferents` are the classes that sit at the nodes, where these
-    are known; `last_digit_ms` what the last digit of a time is, that the file has; `step_ms`
-    the step from 0 on of a run from its stimulus on.
+    Parameters
+    ----------
+    quantity, components, units
+        Its name, and the name and unit of each component.
+    nodes
+        Node numbers.
+    at
+        Time of each output in ms ``(T,)``; for modes the value that `axis` names.
+    values
+        ``(T, node, component)``, NaN where a node has no value.
+    keys
+        Step and increment, or step and mode, of each output ``(T, 2)``.
+    path
+        The file.
+    axis
+        Quantity of `at`. Default: `TIME`.
+    afferents
+        Afferent class at each node, None if unknown. Default: ().
+    last_digit_ms
+        Function of times that returns one unit of their last stored digit, in ms. Default:
+        None, times are exact.
+    step_ms
+        Time step in ms from the start of the stimulus on. Default: None, derived from `at`.
     """
 
     quantity: str
@@ -77,26 +99,26 @@ class History:
     step_ms: float | None = None
 
     @classmethod
-    def of_stress(
+    def from_stress(
         cls, nodes: Iterable[int], times_ms: FloatArray, stress_pa: FloatArray, path: Path
     ) -> "History":
-        """Stress over time ``(T, node, component)``: six are the tensor, one von Mises stress."""
-        plain = stress_pa.shape[-1] == 1
-        components = ("von_mises",) if plain else TENSOR_COMPONENTS
+        """Stress over time: six components are the tensor, one is von Mises stress."""
+        is_scalar = stress_pa.shape[-1] == 1
+        components = ("von_mises",) if is_scalar else TENSOR_COMPONENTS
         units = ("Pa",) * len(components)
-        word = VON_MISES if plain else STRESS
+        quantity = VON_MISES if is_scalar else STRESS
         return cls(
-            word, components, units, tuple(map(int, nodes)), times_ms, stress_pa, NO_KEYS, path
+            quantity, components, units, tuple(map(int, nodes)), times_ms, stress_pa, NO_KEYS, path
         )
 
     @property
     def over_time(self) -> bool:
-        """Whether rows are of times, not modes."""
+        """Whether the outputs have times; False for modes."""
         return self.axis == TIME
 
     @property
     def dt_ms(self) -> float | None:
-        """The step of an even time axis; None of any other."""
+        """Time step in ms of an even time axis; None for any other axis."""
         if self.step_ms is not None:
             return self.step_ms
         if not self.over_time or self.at.size < 2:
@@ -106,96 +128,105 @@ class History:
 
     @property
     def uneven(self) -> bool:
-        """Whether resampling would make an even time axis of it."""
+        """Whether times are uneven but increasing, so that they can be resampled."""
         rising = self.over_time and self.at.size > 1 and bool((np.diff(self.at) > 0).all())
         return rising and self.dt_ms is None
 
     @property
     def form(self) -> str:
-        """What the rows are, in words."""
-        count, at = self.at.size, self.at
+        """Description of the outputs: count, range and step of the times."""
+        count, values = self.at.size, self.at
         if not self.over_time:
-            span = f"{at[0]:g} to {at[-1]:g}" if count > 1 else f"{at[0]:g}"
+            span = f"{values[0]:g} to {values[-1]:g}" if count > 1 else f"{values[0]:g}"
             return f"{count} mode{'s' * (count > 1)}, {self.axis} {span}"
         if count == 1:
-            return f"one increment, at {at[0]:g} ms"
-        span = f"{count} increments, {at.min():g} to {at.max():g} ms"
+            return f"one increment, at {values[0]:g} ms"
+        span = f"{count} increments, {values.min():g} to {values.max():g} ms"
         if self.dt_ms is not None:
-            return f"{at[0]:g} to {at[-1]:g} ms every {self.dt_ms:g} ms"
-        steps_ms = np.diff(at)
-        if (back := np.flatnonzero(steps_ms <= 0)).size:
-            row = int(back[0]) + 1
-            return f"{span}; times do not rise: {at[row]:g} ms comes after {at[row - 1]:g} ms"
+            return f"{values[0]:g} to {values[-1]:g} ms every {self.dt_ms:g} ms"
+        steps_ms = np.diff(values)
+        if (falling := np.flatnonzero(steps_ms <= 0)).size:
+            row = int(falling[0]) + 1
+            return (
+                f"{span}; times do not rise: {values[row]:g} ms comes after {values[row - 1]:g} ms"
+            )
         if steps_ms.size > 1 and np.ptp(steps_ms[:-1]) <= STEP_TOLERANCE * steps_ms[0]:
             return f"{span}, every {steps_ms[0]:g} ms, the last after {steps_ms[-1]:g} ms"
         return f"{span}, uneven: {steps_ms.min():g} to {steps_ms.max():g} ms apart"
 
-    def _doubt_of_times(self) -> str:
-        """Which times do not rise, or which few steps differ from the others; or ""."""
+    def _time_warning(self) -> str:
+        """Warning about times that do not rise, or a few steps unlike the others; or ""."""
         if not self.over_time or self.at.size < 2:
             return ""
         steps_ms = np.diff(self.at)
         row = int(np.argmin(steps_ms > 0))
         if steps_ms[row] <= 0:
             return f"times do not rise: {self.at[row + 1]:g} ms comes after {self.at[row]:g} ms"
-        usual_ms = float(np.median(steps_ms))
-        odd = np.abs(steps_ms - usual_ms) > STEP_TOLERANCE * usual_ms
-        if steps_ms[-1] < usual_ms:  # to the end of a step
-            odd[-1] = False
-        if not 0 < odd.sum() <= _FEW_STEPS * odd.size:
+        median_ms = float(np.median(steps_ms))
+        is_odd = np.abs(steps_ms - median_ms) > STEP_TOLERANCE * median_ms
+        if steps_ms[-1] < median_ms:  # to the end of a step
+            is_odd[-1] = False
+        if not 0 < is_odd.sum() <= _FEW_STEPS * is_odd.size:
             return ""
-        row = int(np.argmax(odd))
+        row = int(np.argmax(is_odd))
         first_ms, second_ms = self.at[row : row + 2]
         return (
-            f"times are {usual_ms:g} ms apart but for {odd.sum()}, the first {first_ms:g} to "
-            f"{second_ms:g} ms: rows may be missing or damaged"
+            f"the time step is {median_ms:g} ms except for {is_odd.sum()} steps, the first from "
+            f"{first_ms:g} to {second_ms:g} ms: rows may be missing or damaged"
         )
 
     @property
     def resample_ms(self) -> float:
-        """A step to resample with: an encoder's, or of a shorter history a twentieth or less."""
+        """Suggested time step in ms: 0.5, or at most a tenth of a history shorter than 1 ms."""
         span_ms = float(np.ptp(self.at))
         return 0.5 if span_ms >= 1.0 else float(10.0 ** np.floor(np.log10(span_ms / 10.0)))
 
     def peaks(self) -> list[tuple[str, float]]:
-        """By node the column with the value that is largest without its sign, and that value."""
+        """Column and value of the largest absolute value at each node."""
         names = column_names(self.components, self.units)
         flat = np.nan_to_num(self.values.transpose(1, 0, 2)).reshape(len(self.nodes), -1)
-        places = np.abs(flat).argmax(axis=1)
+        largest = np.abs(flat).argmax(axis=1)
         return [
-            (names[place % len(names)], float(flat[row, place]))
-            for row, place in enumerate(places.tolist())
+            (names[column % len(names)], float(flat[row, column]))
+            for row, column in enumerate(largest.tolist())
         ]
 
-    def taken(
-        self, word: str, resample_ms: float | None, log: Callable[[str], None] | None
-    ) -> "History":
-        """What `word` says follows from it, resampled before: the tensor, where it is at hand."""
-        held = self if resample_ms is None else self.resampled(resample_ms, log)
-        found = held.derived(word)
-        if log is not None and (doubt := self._doubt_of_times()):
-            log(doubt)
-        if log is not None and found.units[0] == "Pa":
-            peak_pa = float(np.abs(np.nan_to_num(found.values)).max())
-            if peak_pa > IMPLAUSIBLE_PA:
-                log(
-                    f"{found.quantity} reaches {peak_pa:.3g} Pa, above 1 GPa: of soft tissue it "
-                    "is kPa; of a model in m take --length-unit m, or say --stress-unit"
-                )
-        return found
+    def selected(self, quantity: str, resample_ms: float | None, quiet: bool = False) -> "History":
+        """History of `quantity`, which is this one or derived from it, every `resample_ms`.
 
-    def derived(self, word: str) -> "History":
-        """The quantity `word` that follows from a stress tensor."""
-        if word not in OF_STRESS or word == self.quantity:
+        The tensor is resampled, not the derived quantity. Implausible times or stress trigger a
+        warning unless `quiet`.
+        """
+        history = self if resample_ms is None else self.resampled(resample_ms)
+        selected = history.derived(quantity)
+        if not quiet and (message := self._time_warning()):
+            warn(message, self.path)
+        if not quiet and selected.over_time and selected.units[0] == "Pa":
+            peak_pa = float(np.abs(np.nan_to_num(selected.values)).max())
+            if peak_pa > IMPLAUSIBLE_PA:
+                warn(
+                    f"{selected.quantity} reaches {peak_pa:.3g} Pa, above 1 GPa, but soft tissue "
+                    "bears kPa: check --length-unit (m for a model in m) and --stress-unit",
+                    self.path,
+                )
+        return selected
+
+    def derived(self, quantity: str) -> "History":
+        """History of `quantity`, computed from this stress tensor if it is another quantity."""
+        if quantity not in STRESS_FUNCTIONS or quantity == self.quantity:
             return self
         if not set(TENSOR_COMPONENTS) <= set(self.components):
-            held = ", ".join(self.components)
-            words = f"{self.path}: {word} takes a stress tensor, {self.quantity} has {held}"
-            raise UsageError(words)
+            components_text = ", ".join(self.components)
+            raise UsageError(
+                f"{quantity} needs a stress tensor, {self.quantity} has {components_text}",
+                self.path,
+            )
         with np.errstate(over="ignore", invalid="ignore"):
-            columns = [self.components.index(one) for one in TENSOR_COMPONENTS]
-            values = OF_STRESS[word](np.nan_to_num(self.values[:, :, columns]))
-        name = word.replace("-", "_")
+            columns = [
+                self.components.index(name_of_component) for name_of_component in TENSOR_COMPONENTS
+            ]
+            values = STRESS_FUNCTIONS[quantity](np.nan_to_num(self.values[:, :, columns]))
+        name = quantity.replace("-", "_")
         components: tuple[str, ...] = (name,)
         if values.ndim == 2:
             values = values[..., None]
@@ -203,81 +234,95 @@ class History:
             components = tuple(f"{name}_{k + 1}" for k in range(values.shape[2]))
         values[np.isnan(self.values).any(axis=-1)] = np.nan
         units = ("Pa",) * len(components)
-        return replace(self, quantity=word, components=components, units=units, values=values)
+        return replace(self, quantity=quantity, components=components, units=units, values=values)
 
-    def resampled(self, dt_ms: float, log: Callable[[str], None] | None = None) -> "History":
-        """Every `dt_ms` by PCHIP, see `fembridge.trace.resample`."""
+    def resampled(self, dt_ms: float) -> "History":
+        """History at every `dt_ms`, by PCHIP, see `fembridge.trace.resample`."""
         if not self.over_time:
-            raise UsageError(f"{self.path}: modes ({self.axis}) cannot be resampled over time")
-        if words := self._missing():
-            raise ResultError(f"{words}: it cannot be resampled; name other nodes", self.path)
+            raise UsageError(
+                f"needs outputs over time, found modes ({self.axis})",
+                self.path,
+                argument="resample_ms",
+            )
+        if message := self._missing_value():
+            raise ResultError(f"cannot be resampled: {message}; choose other nodes", self.path)
         try:
-            at, values = resample(self.at, self.values, dt_ms, log)
+            times_ms, values = resample(
+                self.at, self.values, dt_ms, lambda line: _LOGGER.info(f"{self.path}: {line}")
+            )
         except TraceError as error:
             raise ResultError(str(error), self.path) from error
-        step_ms, odd = mean_step(self.at)
-        coarser = odd is None and step_ms < dt_ms
-        if log and coarser and (doubt := doubt_of_step(self.values, step_ms, dt_ms)):
-            log(doubt)
-        return replace(self, at=at, values=values, keys=NO_KEYS)
+        step_ms, uneven_row = mean_step(self.at)
+        coarser = uneven_row is None and step_ms < dt_ms
+        if coarser and (warning := doubt_of_step(self.values, step_ms, dt_ms)):
+            warn(warning, self.path)
+        return replace(self, at=times_ms, values=values, keys=NO_KEYS)
 
-    def unrounded(self) -> "History":
-        """With even times, where they are even but for the rounding that they are stored with.
+    def with_even_times(self) -> "History":
+        """History with exactly even times, if the stored times are even except for rounding.
 
-        With six digits an even step of 1/3 ms looks uneven.
+        With six digits a time step of 1/3 ms looks uneven.
         """
-        at = self.at
-        if self.last_digit_ms is None or not self.over_time or at.size < 2:
+        times_ms = self.at
+        if self.last_digit_ms is None or not self.over_time or times_ms.size < 2:
             return self
-        even, share = np.linspace(at[0], at[-1], at.size), np.linspace(0.0, 1.0, at.size)
-        digit_ms = self.last_digit_ms(at)
-        off_ms = digit_ms + (1.0 - share) * digit_ms[0] + share * digit_ms[-1]  # ends, too
-        return replace(self, at=even) if (np.abs(even - at) <= off_ms).all() else self
+        even_ms, share = (
+            np.linspace(times_ms[0], times_ms[-1], times_ms.size),
+            np.linspace(0.0, 1.0, times_ms.size),
+        )
+        digit_ms = self.last_digit_ms(times_ms)
+        tolerance_ms = digit_ms + (1.0 - share) * digit_ms[0] + share * digit_ms[-1]  # ends, too
+        return (
+            replace(self, at=even_ms)
+            if (np.abs(even_ms - times_ms) <= tolerance_ms).all()
+            else self
+        )
 
     def traces(self) -> list[StressTrace]:
         """Von Mises stress at each node, on an even grid."""
-        found = self.derived(VON_MISES)
+        von_mises = self.derived(VON_MISES)
         if not self.over_time:
-            raise ResultError(f"{self.form}: no history over time, no trace to take", self.path)
+            raise ResultError(f"a trace needs outputs over time; found {self.form}", self.path)
         if (np.diff(self.at) <= 0).any():
             raise ResultError(self.form, self.path)
-        if self.step_ms is not None and (words := self._missing()):
-            raise ResultError(words, self.path)
+        if self.step_ms is not None and (message := self._missing_value()):
+            raise ResultError(message, self.path)
         traces = []
         for row, node in enumerate(self.nodes):
-            stress_pa = found.values[:, row, 0]  # noqa: PD011 - no frame
+            stress_pa = von_mises.values[:, row, 0]  # noqa: PD011 - no frame
             afferent = self.afferents[row] if self.afferents else None
             if self.step_ms is not None:
                 traces.append(StressTrace(stress_pa, self.step_ms, node, afferent))
                 continue
-            held = ~np.isnan(stress_pa)
-            times_ms, count = self.at[held], int(held.sum())
+            has_value = ~np.isnan(stress_pa)
+            times_ms, count = self.at[has_value], int(has_value.sum())
             if count < 2:
                 raise ResultError(f"node {node}: {count} samples, expected two or more", self.path)
-            dt_ms, odd = mean_step(times_ms)
-            if odd is not None:
-                before_ms, after_ms = times_ms[odd : odd + 2]
+            dt_ms, uneven_row = mean_step(times_ms)
+            if uneven_row is not None:
+                before_ms, after_ms = times_ms[uneven_row : uneven_row + 2]
                 raise ResultError(
-                    f"node {node}: uneven time step, {before_ms:g} to {after_ms:g} ms where "
-                    f"{dt_ms:g} ms is the mean; --resample-ms 0.5 (resample_ms=0.5) evens it",
+                    f"node {node}: uneven time step from {before_ms:g} to {after_ms:g} ms, the "
+                    f"mean step is {dt_ms:g} ms; --resample-ms 0.5 (resample_ms=0.5) makes an "
+                    "even one",
                     self.path,
                 )
             start_ms = float(times_ms[0])
-            traces.append(StressTrace(stress_pa[held], dt_ms, node, afferent, start_ms))
+            traces.append(StressTrace(stress_pa[has_value], dt_ms, node, afferent, start_ms))
         return traces
 
-    def _missing(self) -> str | None:
-        """Which node has no value, and when; None where all have."""
+    def _missing_value(self) -> str | None:
+        """Message about the first node without a value; None if all nodes have values."""
         absent = np.argwhere(np.isnan(self.values).any(axis=2))
         if not absent.size:
             return None
         row, column = absent[0].tolist()
-        return f"node {self.nodes[column]} has no value at {self.at[row]:g} ms, where others have"
+        return f"node {self.nodes[column]} has no value at {self.at[row]:g} ms, other nodes do"
 
     def columns(self) -> dict[str, Any]:
-        """A long table by column, node by node: units in the names, von Mises as traces have it."""
+        """A long table by column, node by node; column names have units."""
         rows, count = self.at.size, len(self.nodes)
-        held = ~np.isnan(self.values).all(axis=2).T  # (node, T)
+        has_value = ~np.isnan(self.values).all(axis=2).T  # (node, T)
         table: dict[str, Any] = {}  # of (T,), (node, 1) or both
         steps, numbers = self.keys.T
         if not self.over_time:
@@ -285,14 +330,16 @@ class History:
         table[_AXES.get(self.axis, "number")] = self.at
         if self.over_time:
             classes = self.afferents or (None,) * count
-            table["afferent"] = np.array([one or "" for one in classes], dtype=object)[:, None]
+            table["afferent"] = np.array([afferent or "" for afferent in classes], dtype=object)[
+                :, None
+            ]
         table["node"] = np.array(self.nodes, dtype=np.int64)[:, None]
         if self.over_time and self.quantity != VON_MISES and steps.size:
             table |= {"step": steps, "increment": numbers}
         for column, name in enumerate(column_names(self.components, self.units)):
             table[name] = self.values[:, :, column].T
         shape = count, rows
-        return {name: np.broadcast_to(values, shape)[held] for name, values in table.items()}
+        return {name: np.broadcast_to(values, shape)[has_value] for name, values in table.items()}
 
     def to_frame(self) -> "pandas.DataFrame":
         """The table as a DataFrame."""
@@ -302,7 +349,7 @@ class History:
 
 
 def column_names(components: Sequence[str], units: Sequence[str]) -> list[str]:
-    """A name for each component that carries its unit: ``sxx_pa``."""
+    """Column name of each component, with its unit: ``sxx_pa``."""
     names = []
     for component, unit in zip(components, units, strict=True):
         plain = re.sub(r"\W+", "_", component.lower()).strip("_")
@@ -311,44 +358,46 @@ def column_names(components: Sequence[str], units: Sequence[str]) -> list[str]:
 
 
 def unit_ending(unit: str) -> str:
-    """What a name ends in to carry `unit`: ``_pa``."""
-    word = _UNIT_WORDS.get(unit, unit.lower())
-    return f"_{word}" if word else ""
+    """Suffix of a column name that carries `unit`: ``_pa``."""
+    suffix = _UNIT_WORDS.get(unit, unit.lower())
+    return f"_{suffix}" if suffix else ""
 
 
 def printed_digit_ms(times_ms: FloatArray, digits: FloatArray | int) -> FloatArray:
-    """The last of so many `digits` of each time that is printed in s, ``(T,)`` in ms."""
+    """One unit of the last digit, in ms, of times that are printed in s with `digits` digits."""
     times_s = np.maximum(np.abs(times_ms) / MS_PER_S, np.finfo(np.float64).tiny)
     digit_ms: FloatArray = 10.0 ** (np.floor(np.log10(times_s)) + 1 - digits) * MS_PER_S
     return digit_ms
 
 
-def name_in(held: Sequence[str], wanted: str | None, path: Path) -> str:
-    """The name among those of a file for `wanted`, case-blind and as short as is clear.
+def match_quantity(names: Sequence[str], requested: str | None, path: Path) -> str:
+    """The one of `names` that `requested` means; case does not matter, a unique beginning suffices.
 
-    None takes the displacement, without one the first.
+    None takes the displacement; without one, the first name.
     """
-    if wanted is None:
-        return next((one for one in NAMES["displacement"] if one in held), held[0])
-    plain = {name: name.casefold() for name in held}
-    for one in (*NAMES.get(wanted.casefold(), ()), wanted):
-        if same := [name for name in held if plain[name] == one.casefold()]:
-            return same[0]
-    close = [name for name in held if plain[name].startswith(wanted.casefold())]
-    if len(close) == 1:
-        return close[0]
-    what = f"{wanted!r} may be {' or '.join(close)}" if close else f"no {wanted} in it"
-    raise ResultError(f"{what}; it holds {', '.join(held) or 'nothing'}", path)
+    if requested is None:
+        return next((name for name in NAMES["displacement"] if name in names), names[0])
+    folded = {name: name.casefold() for name in names}
+    for synonym in (*NAMES.get(requested.casefold(), ()), requested):
+        if matches := [name for name in names if folded[name] == synonym.casefold()]:
+            return matches[0]
+    candidates = [name for name in names if folded[name].startswith(requested.casefold())]
+    if len(candidates) == 1:
+        return candidates[0]
+    problem = f"no quantity {requested}"
+    if candidates:
+        problem = f"{requested!r} is ambiguous: {' or '.join(candidates)}"
+    raise ResultError(f"{problem}; the file has {', '.join(names) or 'none'}", path)
 
 
-def of_samples(samples: Sequence[tuple[int, FloatArray]], path: Path) -> History:
-    """Von Mises stress of nodes, each with its ``(time_ms, stress_pa)`` samples ``(T, 2)``."""
+def history_of_samples(samples: Sequence[tuple[int, FloatArray]], path: Path) -> History:
+    """Von Mises stress at nodes from samples ``(T, 2)`` of time in ms and stress in Pa."""
     times_ms = samples[0][1][:, 0]
-    same_times = all(np.array_equal(one[:, 0], times_ms) for _, one in samples)
+    same_times = all(np.array_equal(curve[:, 0], times_ms) for _, curve in samples)
     if not same_times:
-        times_ms = np.unique(np.concatenate([one[:, 0] for _, one in samples]))
+        times_ms = np.unique(np.concatenate([curve[:, 0] for _, curve in samples]))
     values = np.full((times_ms.size, len(samples), 1), np.nan)
-    for column, (_, one) in enumerate(samples):
-        rows = slice(None) if same_times else np.searchsorted(times_ms, one[:, 0])
-        values[rows, column, 0] = one[:, 1]
-    return History.of_stress((node for node, _ in samples), times_ms, values, path)
+    for column, (_, curve) in enumerate(samples):
+        rows = slice(None) if same_times else np.searchsorted(times_ms, curve[:, 0])
+        values[rows, column, 0] = curve[:, 1]
+    return History.from_stress((node for node, _ in samples), times_ms, values, path)

@@ -1,21 +1,20 @@
-"""Stress and whole fields at nodes, from a post file of Marc: ``.t16``, ``.t19``.
+"""Stress and fields at nodes from a post file of Marc: ``.t16``, ``.t19``.
 
 Marc stores stress at integration points. Here it is extrapolated to the node, element by
-element, and averaged over the elements of one layer; von Mises stress is that of the
-resulting tensor (as CalculiX's is), or with ``von_mises="scalar"`` the points' own von Mises
-stress, extrapolated as a number, which is what Mentat plots. They differ.
+element, and averaged over the elements of one layer. Von Mises stress is that of the resulting
+tensor (as in CalculiX), or with ``von_mises="scalar"`` the extrapolated von Mises stress of the
+points, which Mentat plots. The two differ.
 
-Quantities go by Marc's names: those of the file at nodes (Displacement, Reaction Force),
-those of the post codes at elements (Stress, Equivalent Von Mises Stress). A name is taken
-case-blind, and as short as it is one quantity's alone; the whole name goes before longer
-ones. Steps are Marc's sub-increments.
+Quantities have Marc's names: names in the file at nodes (Displacement, Reaction Force), names of
+the post codes at elements (Stress, Equivalent Von Mises Stress). Case does not matter, and a
+unique beginning suffices; an exact name precedes longer ones. Steps are Marc's sub-increments.
 
-A tensor is requested by one code and stored as six consecutive ones, in the order 11 22 33
-12 23 31, which is our xx yy zz xy yz zx: no column moves. Single components (codes 11 to
-16) make the same tensor where all six are there.
+A tensor is requested by one code and stored as six consecutive codes, in the order 11 22 33 12 23
+31, which is xx yy zz xy yz zx. Single components (codes 11 to 16) are the same tensor if all six
+are stored.
 
-Marc has no units. Lengths are taken as mm, times as s, and stress in
-`ReadOptions.stress_unit`; what comes out is mm, ms and Pa.
+Marc has no units. Lengths are taken as mm, times as s, and stress in `ReadOptions.stress_unit`;
+results are in mm, ms and Pa.
 """
 
 from collections.abc import Sequence
@@ -28,20 +27,20 @@ import numpy as np
 from fembridge.errors import ResultError, UsageError
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.extrapolation import UNKNOWN_LAYERS, MeshPoints
-from fembridge.results.fields import Block, Field, Scene, rows_of
+from fembridge.results.fields import Field, FieldBlock, Scene, rows_of
 from fembridge.results.history import (
     FREQUENCY,
-    OF_STRESS,
     STRESS,
+    STRESS_FUNCTIONS,
     TIME,
     VON_MISES,
     printed_digit_ms,
 )
 from fembridge.results.marc_post import PostCode, PostFile, PostIncrement
 from fembridge.results.read_options import ReadOptions
-from fembridge.results.source import FieldSource, field_of, names_in, not_finite
+from fembridge.results.source import FieldSource, make_field, not_finite_error, quantity_names
 from fembridge.results.status import read_sts
-from fembridge.results.stress import TENSOR, OneSidedStress, von_mises_pa
+from fembridge.results.von_mises import TENSOR, OneSidedStress, von_mises_pa
 from fembridge.trace import MS_PER_S
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
@@ -53,15 +52,14 @@ _TENSORS = {
     331: ("Creep Strain", "C"), 341: ("Cauchy Stress", "S"),
     401: ("Elastic Strain", "E"), 411: ("Stress in Global System", "S"),
     431: ("Plastic Strain in Global System", "P"),
-    # Mentat wrote it for `*add_post_tensor log_strain`; a public reader calls it a
-    # stress, and is wrong.
+    # Mentat writes it for `*add_post_tensor log_strain`; a public reader wrongly calls it a
+    # stress.
     681: ("Logarithmic Strain", "E"),
     1: ("Strain 1 to 6", "E"), 11: ("Stress 11 to 16", "S"),
     41: ("Cauchy Stress 41 to 46", "S"),
 }  # fmt: skip
-# The stress that traces are made of: the first of these that the file has. Cauchy stress,
-# which CalculiX gives too, comes before "stress", which is that only where the job follows
-# the deformation (updated Lagrange).
+# Stress of traces: the first of these codes in the file. Cauchy stress, which CalculiX writes
+# too, precedes "stress", which equals it only in updated Lagrange jobs.
 STRESS_CODES = (341, 311, 41, 11, 411)
 EQUIVALENT_CODES = (47, 17)
 _SCALARS = {
@@ -81,16 +79,16 @@ _NODAL_UNITS = {
 _AXES = {1: ("",), 2: ("X", "Y"), 3: ("X", "Y", "Z")}
 
 
-# --- What post codes amount to
+# --- Quantities of post codes
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A quantity at integration points: which `columns` of a point's values it is; or at nodes.
+    """A quantity at integration points, in `columns` of a point's values, or at nodes.
 
-    `codes` are Marc's; `unit` holds for all components, "" where it is not known and the
-    value is left as the file has it. `layer` is that of a shell, 0 elsewhere. At nodes there
-    are no `columns`. With `mises` it is the von Mises stress of a tensor at the points.
+    `codes` are Marc's. `unit` is that of all components, "" if it is unknown and values are as in
+    the file. `layer` is the layer of a shell, else 0. A quantity at nodes has no `columns`.
+    `mises` marks the von Mises stress of a tensor at the points.
     """
 
     name: str
@@ -104,63 +102,67 @@ class Quantity:
     def __str__(self) -> str:
         first, last = self.codes[0], self.codes[-1]
         codes = f"code {first}" if first == last else f"codes {first} to {last}"
-        words = f"{self.name} ({codes})"
-        return f"von Mises of {words} at the points" if self.mises else words
+        text = f"{self.name} ({codes})"
+        return f"von Mises of {text} at the points" if self.mises else text
 
 
 def element_quantities(codes: tuple[PostCode, ...]) -> tuple[Quantity, ...]:
-    """What `codes` amount to, in the order of the file; no column twice."""
+    """Quantities of post codes, in the order of the file; each column is used once."""
     column_of = {(code.code, code.layer): k for k, code in enumerate(codes)}
     layered = len({code.layer for code in codes}) > 1
-    taken: set[int] = set()
-    found = []
+    used_columns: set[int] = set()
+    quantities = []
     for column, code in enumerate(codes):
-        if column in taken or column_of[code.code, code.layer] != column:
+        if column in used_columns or column_of[code.code, code.layer] != column:
             continue
-        wanted = [(code.code + k, code.layer) for k in range(len(TENSOR))]
-        if code.code in _TENSORS and all(key in column_of for key in wanted):
+        keys = [(code.code + k, code.layer) for k in range(len(TENSOR))]
+        if code.code in _TENSORS and all(key in column_of for key in keys):
             name, letter = _TENSORS[code.code]
-            columns = tuple(column_of[key] for key in wanted)
-            components = tuple(f"{letter}{place.upper()}" for place in TENSOR)
+            columns = tuple(column_of[key] for key in keys)
+            components = tuple(f"{letter}{component.upper()}" for component in TENSOR)
             unit = PA if letter == "S" else AS_IS
         else:
             name = code.label.strip() or _SCALARS.get(code.code, f"Code {code.code}")
             columns, components = (column,), (_initials(name),)
             unit = PA if code.code in _PA_CODES else AS_IS
-        taken.update(columns)
+        used_columns.update(columns)
         name += f" layer {code.layer}" if layered else ""
-        held = tuple(codes[k].code for k in columns)
-        found.append(Quantity(name, components, held, unit, columns, code.layer))
-    return tuple(found)
+        post_codes = tuple(codes[k].code for k in columns)
+        quantities.append(Quantity(name, components, post_codes, unit, columns, code.layer))
+    return tuple(quantities)
 
 
 def _initials(name: str) -> str:
-    words = name.split()
-    if any(word.isdigit() for word in words):  # "Code 23": nothing to shorten
+    parts = name.split()
+    if any(part.isdigit() for part in parts):  # "Code 23": nothing to shorten
         return name.replace(" ", "_")
-    return "".join(word[0] for word in words).upper() or "V"
+    return "".join(part[0] for part in parts).upper() or "V"
 
 
 @dataclass(slots=True)
-class MarcBlock(Block):
+class MarcBlock(FieldBlock):
     """A quantity in one increment."""
 
-    one: PostIncrement
+    increment: PostIncrement
     quantity: Quantity
 
     @classmethod
-    def of(cls, one: PostIncrement, quantity: Quantity, mises: bool = False) -> "MarcBlock":
-        """That quantity of that increment; or as the von Mises stress of its points."""
-        over = (FREQUENCY, one.frequency) if one.harmonic else (TIME, one.time_s)
+    def from_increment(
+        cls, increment: PostIncrement, quantity: Quantity, mises: bool = False
+    ) -> "MarcBlock":
+        """Block of a quantity in an increment; with `mises` the von Mises stress of its points."""
+        position = (
+            (FREQUENCY, increment.frequency) if increment.harmonic else (TIME, increment.time_s)
+        )
         name, components = quantity.name, quantity.components
         if mises:
             name, components = VON_MISES, ("von_mises",)
         units = (quantity.unit,) * len(components)
-        key = one.sub_increment, one.increment
-        return cls(name, key, *over, components, units, one, quantity)
+        key = increment.sub_increment, increment.increment
+        return cls(name, key, *position, components, units, increment, quantity)
 
     def __str__(self) -> str:
-        return f"{self.name} of increment {self.one.increment}"
+        return f"{self.name} of increment {self.increment.increment}"
 
 
 Outputs = Sequence[dict[str, MarcBlock]]
@@ -169,14 +171,14 @@ Outputs = Sequence[dict[str, MarcBlock]]
 class MarcSource(FieldSource[MarcBlock]):
     """An open post file.
 
-    A point of its scene is a node as one layer has it: between layers stress jumps, as it does
-    in the model.
+    Its scene has a point for each node and layer, so that stress jumps between layers as in the
+    model.
     """
 
     def __init__(self, file: ByteFile, options: ReadOptions) -> None:
         super().__init__(file, options)
         self._post = PostFile(file)
-        self._said: set[str] = set()
+        self._noted: set[str] = set()
 
     @cached_property
     def _points(self) -> MeshPoints:
@@ -184,35 +186,41 @@ class MarcSource(FieldSource[MarcBlock]):
 
     @cached_property
     def _stored(self) -> tuple[Quantity, ...]:
-        """The quantities at integration points."""
+        """Quantities at integration points."""
         return element_quantities(self._post.codes)
 
     def _stress_tensor(self) -> Quantity:
-        """The stress tensor that traces are made of."""
+        """Stress tensor of the traces."""
         for code in STRESS_CODES:
-            same = [one for one in self._stored if one.codes[0] == code and len(one.columns) == 6]
-            if len(same) > 1:
-                layers = ", ".join(str(one.layer) for one in same)
-                words = f"code {code} is stored for layers {layers}: a shell has no one stress at a"
-                raise ResultError(f"{words} node", self.path)
-            if same:
-                return same[0]
-        words = ", ".join(map(str, self._stored)) or "no element values"
+            matches = [
+                quantity
+                for quantity in self._stored
+                if quantity.codes[0] == code and len(quantity.columns) == 6
+            ]
+            if len(matches) > 1:
+                layers = ", ".join(str(quantity.layer) for quantity in matches)
+                message = (
+                    f"code {code} is stored for layers {layers}: a shell has no one stress at a"
+                )
+                raise ResultError(f"{message} node", self.path)
+            if matches:
+                return matches[0]
+        message = ", ".join(map(str, self._stored)) or "no element values"
         if any(code.code in EQUIVALENT_CODES for code in self._post.codes):
-            words += "; --von-mises scalar (von_mises='scalar') takes the one it holds"
-        words = f"no stress tensor (post code 311 or 341) in it, it holds {words}"
-        raise ResultError(words, self.path)
+            message += "; --von-mises scalar (von_mises='scalar') reads the stored scalar"
+        message = f"no stress tensor (post code 311 or 341); the file has {message}"
+        raise ResultError(message, self.path)
 
     def _mises_of_points(self) -> Quantity:
-        """The von Mises stress that Marc stored at the points, else that of the tensor there."""
+        """Von Mises stress that Marc stored at the points, else that of the tensor there."""
         for code in EQUIVALENT_CODES:
-            same = [one for one in self._stored if one.codes == (code,)]
-            if len(same) == 1:
-                return same[0]
+            matches = [quantity for quantity in self._stored if quantity.codes == (code,)]
+            if len(matches) == 1:
+                return matches[0]
         return replace(self._stress_tensor(), mises=True)
 
     def describe(self) -> Table:
-        """Header, mesh, sets, quantities, what is wrong; as of a ``.frd``."""
+        """Header, mesh, sets, quantities and defects, as of a ``.frd``."""
         post, mesh = self._post, self._post.mesh
         types, counts = np.unique(mesh.element_types, return_counts=True)
         header: Table = {"title": post.title, "post revision": post.revision}
@@ -220,9 +228,9 @@ class MarcSource(FieldSource[MarcBlock]):
             header["byte order"] = post.byte_order
         header |= {"precision": post.precision, "points stored an element": post.points}
         blocks: dict[str, list[MarcBlock]] = {}
-        for output in self._listed():
-            for name, one in output.items():
-                blocks.setdefault(name, []).append(one)
+        for output in self._quantities_by_increment():
+            for name, block in output.items():
+                blocks.setdefault(name, []).append(block)
         storage = "text" if post.kind == "t19" else post.precision
         return super().describe() | {
             "mesh_nodes": int(mesh.node_ids.size),
@@ -232,76 +240,90 @@ class MarcSource(FieldSource[MarcBlock]):
             "element_types": dict(zip(map(str, types.tolist()), counts.tolist(), strict=True)),
             "codes": [code.code for code in post.codes],
             "sets": [
-                {"name": one.name, "kind": one.kind, "members": int(one.members.size)}
-                for one in mesh.sets
+                {
+                    "name": post_set.name,
+                    "kind": post_set.kind,
+                    "members": int(post_set.members.size),
+                }
+                for post_set in mesh.sets
             ],
             "increments": len(post.increments),
             "meshes": 1,
             "quantities": [
-                self.quantity_table(name, held, mesh.node_ids, storage)
-                | {"at": "integration points" if held[0].quantity.columns else "nodes"}
-                for name, held in blocks.items()
+                self.quantity_table(name, blocks_of_name, mesh.node_ids, storage)
+                | {"at": "integration points" if blocks_of_name[0].quantity.columns else "nodes"}
+                for name, blocks_of_name in blocks.items()
             ],
             "remarks": post.remarks,
             "problem": post.problem,
         }
 
-    def _listed(self) -> list[dict[str, MarcBlock]]:
-        """Quantities of each increment by name, ``DX`` of Displacement; not complex ones."""
+    def _quantities_by_increment(self) -> list[dict[str, MarcBlock]]:
+        """Quantities of each increment by name, without complex ones."""
         outputs = []
-        for one in self._post.increments:
-            found = dict[str, MarcBlock]()
-            for held in (each for each in one.nodal if not each.is_complex):
-                numbered = tuple(str(k + 1) for k in range(held.components))
-                axes, letters = _AXES.get(held.components, numbered), _initials(held.name)
-                parts, unit = tuple(letters + a for a in axes), _NODAL_UNITS.get(held.code, AS_IS)
-                quantity = Quantity(held.name, parts, (held.code,), unit)
-                found[held.name] = MarcBlock.of(one, quantity)
-            for quantity in self._stored if one.has_element_values else ():
-                found.setdefault(quantity.name, MarcBlock.of(one, quantity))
-            outputs.append(found)
+        for increment in self._post.increments:
+            output = dict[str, MarcBlock]()
+            for nodal in (candidate for candidate in increment.nodal if not candidate.is_complex):
+                numbered = tuple(str(k + 1) for k in range(nodal.components))
+                axes, letters = _AXES.get(nodal.components, numbered), _initials(nodal.name)
+                components, unit = (
+                    tuple(letters + a for a in axes),
+                    _NODAL_UNITS.get(nodal.code, AS_IS),
+                )
+                quantity = Quantity(nodal.name, components, (nodal.code,), unit)
+                output[nodal.name] = MarcBlock.from_increment(increment, quantity)
+            for quantity in self._stored if increment.has_element_values else ():
+                output.setdefault(quantity.name, MarcBlock.from_increment(increment, quantity))
+            outputs.append(output)
         return outputs
 
     def outputs(self) -> list[dict[str, MarcBlock]]:
-        """The quantities of each increment, and with `von_mises` "scalar" that of the points.
+        """Quantities of each increment; with `von_mises` "scalar" also that of the points.
 
-        What the file remarks is passed on. A file that is whole may be of a job that gave up:
-        what the ``.sts`` beside says of it is passed on too. The increments that are there were
-        converged.
+        Remarks about the file are noted. A complete file may be from a job that failed: the
+        problem in its ``.sts`` is noted, too. All increments in the file have converged.
         """
         post, options = self._post, self.options
-        beside = self.path.with_suffix(".sts")
+        sts_path = self.path.with_suffix(".sts")
         status = None
-        with suppress(ResultError):  # it is not what was asked for
-            status = read_sts(beside).problem if beside.is_file() else None
-        for words in (*post.remarks, f"{beside.name}: {status}" if status else ""):
-            if words:
-                options.note(words)
+        with suppress(ResultError):  # the .sts is optional
+            status = read_sts(sts_path).problem if sts_path.is_file() else None
+        for remark in (*post.remarks, f"{sts_path.name}: {status}" if status else ""):
+            if remark:
+                options.note(remark)
         if post.problem is not None:
             options.refuse(post.problem, self.path)
-        found = self._listed()
+        outputs = self._quantities_by_increment()
         if options.von_mises == "scalar":
-            for output, one in zip(found, post.increments, strict=True):
-                if one.has_element_values:
-                    output[VON_MISES] = MarcBlock.of(one, self._mises_of_points(), mises=True)
-        return [output for output in found if output]
+            for output, increment in zip(outputs, post.increments, strict=True):
+                if increment.has_element_values:
+                    output[VON_MISES] = MarcBlock.from_increment(
+                        increment, self._mises_of_points(), mises=True
+                    )
+        return [output for output in outputs if output]
 
-    def having(self, outputs: Outputs, names: Sequence[str]) -> list[dict[str, MarcBlock]]:
-        """Outputs that have any of `names`, and these alone; what others lack is said."""
+    def select_outputs(self, outputs: Outputs, names: Sequence[str]) -> list[dict[str, MarcBlock]]:
+        """Outputs that have any of `names`, reduced to these; others are noted."""
         for name in names:
-            without = [str(next(iter(o.values())).one.increment) for o in outputs if name not in o]
+            without = [
+                str(next(iter(output.values())).increment.increment)
+                for output in outputs
+                if name not in output
+            ]
             if without:
                 shown = ", ".join(without[:5]) + (", ..." if len(without) > 5 else "")
-                self._once(f"no {name} in increments {shown}")
-        found = [{name: one for name, one in out.items() if name in names} for out in outputs]
-        return [output for output in found if output]
+                self._note_once(f"no {name} in increments {shown}")
+        selected = [
+            {name: block for name, block in output.items() if name in names} for output in outputs
+        ]
+        return [output for output in selected if output]
 
-    def history_name(self, available: Sequence[str], quantity: str | None) -> str:
-        """The stress of traces, without one the displacement, else the first."""
+    def choose_name(self, available: Sequence[str], quantity: str | None) -> str:
+        """Stress of the traces; without it the displacement, else the first quantity."""
         if VON_MISES in available and quantity in (None, VON_MISES):
             return VON_MISES
         name = ""
-        if quantity in (None, STRESS, *OF_STRESS):
+        if quantity in (None, STRESS, *STRESS_FUNCTIONS):
             try:
                 name = self._stress_tensor().name
             except ResultError:
@@ -309,95 +331,103 @@ class MarcSource(FieldSource[MarcBlock]):
                     raise
             if name and name not in available and quantity is not None:
                 raise ResultError(
-                    "no element values in it: the deck's 'post' asks for no element code (311 is "
-                    "the stress tensor)",
+                    "no element values: the deck's 'post' requests no element code (311 is the "
+                    "stress tensor)",
                     self.path,
                 )
         if name in available:
             return name
         if not available:
-            raise ResultError("no values in it", self.path)
-        return self.field_name(available, quantity)
+            raise ResultError("no values", self.path)
+        return self.match_name(available, quantity)
 
-    def at_nodes(self, blocks: Sequence[MarcBlock], nodes: Sequence[int]) -> FloatArray:
-        """Values of one quantity, ``(T, node, component)``; those of points inside one layer."""
+    def node_values(self, blocks: Sequence[MarcBlock], nodes: Sequence[int]) -> FloatArray:
+        """Values of one quantity, ``(T, node, component)``; element values inside one layer."""
         quantity, note = blocks[0].quantity, self.options.note
         if not quantity.columns:
-            return np.array([self.whole(one).at(nodes) for one in blocks])
-        points = self._around(nodes)
-        between = [node for node in nodes if len(points.names_at(node)) > 1]
-        if between and not self.options.across_materials:
-            names = " and ".join(points.names_at(between[0]))
+            return np.array([self.read_field(block).values_at(nodes) for block in blocks])
+        points = self._points_at(nodes)
+        shared = [node for node in nodes if len(points.layer_names(node)) > 1]
+        if shared and not self.options.across_materials:
+            names = " and ".join(points.layer_names(shared[0]))
             raise ResultError(
-                f"node {between[0]} lies between {names}: a mean over both belongs to neither; "
-                "take a node inside one layer, each side with --one-sided, or the mean with "
+                f"node {shared[0]} is between {names}, where a mean belongs to neither: take a "
+                "node inside one layer, each side with --one-sided, or the mean with "
                 "--across-materials (across_materials=True)",
                 self.path,
             )
-        found = []
-        for one in blocks:
-            rows, values = points.one_a_node(self._carried(one, points))
-            found.append(values[rows_of(np.array(nodes), points.mesh.node_ids[rows])])
-        if blocks[0].name == VON_MISES and (below := np.argwhere(np.array(found) < 0)).size:
-            row, column, _ = below[0]
+        node_values = []
+        for block in blocks:
+            rows, values = points.node_means(self._extrapolated(block, points))
+            node_values.append(values[rows_of(np.array(nodes), points.mesh.node_ids[rows])])
+        if (
+            blocks[0].name == VON_MISES
+            and (negative := np.argwhere(np.array(node_values) < 0)).size
+        ):
+            row, column, _ = negative[0]
             note(
-                f"node {nodes[column]}: von Mises stress is below 0 at {blocks[row].at:g} ms: "
-                "linear extrapolation of a steep field does that"
+                f"node {nodes[column]}: negative von Mises stress at {blocks[row].axis_value:g} "
+                "ms, from the linear extrapolation of a steep field"
             )
-        return np.array(found)
+        return np.array(node_values)
 
     def sides(self, node: int, set_name: str = "") -> tuple[OneSidedStress, ...]:
-        """The stress at `node` for each layer there on its own."""
+        """Stress at `node` in each layer."""
         if set_name:
-            raise UsageError("--one-sided of a Marc post file takes no name: it has all elements")
+            raise UsageError(
+                f"is {set_name!r}, expected no name: a Marc post file has all elements",
+                argument="one_sided",
+            )
         outputs = self.outputs()
-        name = self.history_name(names_in(outputs), STRESS)
-        blocks = [output[name] for output in self.having(outputs, (name,))]
-        points = self._around([node])
-        found = np.array([self._carried(one, points) for one in blocks])
-        for one, values in zip(blocks, found, strict=True):
+        name = self.choose_name(quantity_names(outputs), STRESS)
+        blocks = [output[name] for output in self.select_outputs(outputs, (name,))]
+        points = self._points_at([node])
+        stress_pa = np.array([self._extrapolated(block, points) for block in blocks])
+        for block, values in zip(blocks, stress_pa, strict=True):
             if not np.isfinite(values).all():
-                raise not_finite(one, points.nodes, values, self.path)
-        times_ms = np.array([one.at for one in blocks])
+                raise not_finite_error(block, points.nodes, values, self.path)
+        times_ms = np.array([block.axis_value for block in blocks])
         return tuple(
-            OneSidedStress(node, layer, points.layers.names[layer], elements, times_ms, found[:, k])
+            OneSidedStress(
+                node, layer, points.layers.names[layer], elements, times_ms, stress_pa[:, k]
+            )
             for k, (layer, elements) in enumerate(points.sides())
         )
 
-    def _around(self, nodes: Sequence[int]) -> MeshPoints:
-        """Points at `nodes`, each of which has some."""
+    def _points_at(self, nodes: Sequence[int]) -> MeshPoints:
+        """Mesh points at `nodes`; a node without any raises a `ResultError`."""
         post = self._post
         points = MeshPoints(post.mesh, self.path, self.options.method, post.points, nodes)
-        points.plan  # noqa: B018 - what cannot be carried is refused first
+        points.plan  # noqa: B018 - raises if an element type cannot be extrapolated
         for node in nodes:
-            if not points.names_at(node):
-                raise points.no_elements(node)
+            if not points.layer_names(node):
+                raise points.no_elements_error(node)
         for remark in points.remarks():
             self.options.note(remark)
         return points
 
-    def _carried(self, block: MarcBlock, points: MeshPoints) -> FloatArray:
-        """Element values at the points of a mesh, ``(P, component)``."""
+    def _extrapolated(self, block: MarcBlock, points: MeshPoints) -> FloatArray:
+        """Element values extrapolated to the points of a mesh, ``(P, component)``."""
         quantity = block.quantity
         if quantity.unit == PA:
-            self._once(f"stress: {quantity}, extrapolated to nodes: {self.options.method}")
-        if not points.layers.known:
-            self._once(UNKNOWN_LAYERS)
-        stored = self._post.element_values(block.one.row, points.element_rows)
-        chosen = stored[:, :, quantity.columns]
+            self._note_once(f"stress: {quantity}, extrapolated to nodes: {self.options.method}")
+        if not points.layers.is_known:
+            self._note_once(UNKNOWN_LAYERS)
+        stored = self._post.element_values(block.increment.row, points.element_rows)
+        point_values = stored[:, :, quantity.columns]
         if quantity.mises:
-            chosen = von_mises_pa(chosen)[:, :, None]
-        return self._scaled(points.averaged(chosen), quantity)
+            point_values = von_mises_pa(point_values)[:, :, None]
+        return self._scaled(points.average(point_values), quantity)
 
     def _scaled(self, values: FloatArray, quantity: Quantity) -> FloatArray:
-        with np.errstate(over="ignore"):  # a number that overflows is not finite
+        with np.errstate(over="ignore"):  # an overflow is infinite
             scaled: FloatArray = values * self.options.scale(quantity.unit)
         return scaled
 
-    def whole(self, block: MarcBlock, known: IntArray | None = None) -> Field:
-        """`block` at all nodes; of element values at those that lie in one layer.
+    def read_field(self, block: MarcBlock, known_nodes: IntArray | None = None) -> Field:
+        """`block` at all nodes; element values only at nodes inside one layer.
 
-        With `across_materials` those between layers have the mean over all elements there.
+        With `across_materials` a node between layers has the mean over all its elements.
         """
         points, ids = self._points, self._post.mesh.node_ids
         if not block.quantity.columns:
@@ -407,22 +437,24 @@ class MarcSource(FieldSource[MarcBlock]):
             values = self._nodal(block)[rows]
         else:
             self._note_unknown()
-            rows, values = points.one_a_node(self._carried(block, points))
+            rows, values = points.node_means(self._extrapolated(block, points))
             if not self.options.across_materials:
-                between = np.isin(rows, points.rows[points.met > 1])
-                if between.any():
-                    self._once(
-                        f"left out: {between.sum()} nodes lie between layers, where a mean belongs "
-                        "to none; --across-materials takes it"
+                is_shared = np.isin(rows, points.rows[points.material_count > 1])
+                if is_shared.any():
+                    self._note_once(
+                        f"left out: {is_shared.sum()} nodes on layer boundaries; "
+                        "--across-materials (across_materials=True) takes the mean of the layers"
                     )
-                rows, values = rows[~between], values[~between]
-        return field_of(block, ids[rows], values, self.path)
+                rows, values = rows[~is_shared], values[~is_shared]
+        return make_field(block, ids[rows], values, self.path)
 
     def _nodal(self, block: MarcBlock) -> FloatArray:
-        return self._scaled(self._post.nodal_values(block.one.row, block.name), block.quantity)
+        return self._scaled(
+            self._post.nodal_values(block.increment.row, block.name), block.quantity
+        )
 
     def last_digit_ms(self, times_ms: FloatArray) -> FloatArray:
-        """A ``.t16`` has times in single precision, a ``.t19`` with six digits."""
+        """Last digit of times: single precision in a ``.t16``, six digits in a ``.t19``."""
         if self._post.kind == "t19":
             return printed_digit_ms(times_ms, _TEXT_DIGITS)
         if self._post.precision == "double":
@@ -431,50 +463,56 @@ class MarcSource(FieldSource[MarcBlock]):
         return np.spacing(times_s).astype(np.float64) * MS_PER_S
 
     def node_sets(self) -> dict[str, list[list[int]]]:
-        """Its sets of nodes by name."""
+        """Node sets by name."""
         sets = self._post.mesh.sets
-        return {one.name.strip(): [one.members.tolist()] for one in sets if one.kind == "node"}
+        return {
+            post_set.name.strip(): [post_set.members.tolist()]
+            for post_set in sets
+            if post_set.kind == "node"
+        }
 
-    def places(self) -> tuple[IntArray, FloatArray, BoolArray]:
-        """Nodes, coordinates ``(n, 3)`` in mm, and which have elements."""
+    def node_positions(self) -> tuple[IntArray, FloatArray, BoolArray]:
+        """Nodes ``(n,)``, coordinates ``(n, 3)`` in mm, whether each has elements ``(n,)``."""
         mesh, points = self._post.mesh, self._points
         if not mesh.node_ids.size:
-            raise ResultError("no nodes in it, so no coordinates", self.path)
-        keep = ~points.pressure_nodes()
-        at_mm = mesh.coordinates_mm[keep] * self.options.length_mm
-        return mesh.node_ids[keep], at_mm, points.bearing[keep]
+            raise ResultError("no nodes, so no coordinates", self.path)
+        is_kept = ~points.pressure_nodes()
+        coordinates_mm = mesh.coordinates_mm[is_kept] * self.options.length_mm
+        return mesh.node_ids[is_kept], coordinates_mm, points.has_values[is_kept]
 
     def scene(self, outputs: Outputs) -> tuple[Outputs, Scene]:
-        """All `outputs`, and the mesh, a point a node and layer."""
-        outputs = self.having(outputs, names_in(outputs))
+        """All `outputs`, and the mesh with a point for each node and layer."""
+        outputs = self.select_outputs(outputs, quantity_names(outputs))
         self._note_unknown()
         scene = self._points.scene()
         return outputs, replace(scene, points_mm=scene.points_mm * self.options.length_mm)
 
-    def on_scene(self, block: MarcBlock, scene: Scene) -> tuple[Field, IntArray]:
-        """The field of `block` at the points."""
+    def field_on_scene(self, block: MarcBlock, scene: Scene) -> tuple[Field, IntArray]:
+        """Field of `block` at the points."""
         points = self._points
         if block.quantity.columns:
-            values = self._carried(block, points)
+            values = self._extrapolated(block, points)
         else:
             values = self._nodal(block)[points.rows]
-        return field_of(block, points.nodes, values, self.path), np.arange(points.nodes.size)
+        return make_field(block, points.nodes, values, self.path), np.arange(points.nodes.size)
 
     def _note_displaced(self, left_out: BoolArray) -> None:
-        """Note nodes that no corner of an element is and that have coordinates nevertheless."""
+        """Note nodes with coordinates that are not at a corner of an element."""
         mesh = self._post.mesh
-        odd = left_out & (mesh.coordinates_mm != 0.0).any(axis=1)
-        if odd.any():
-            node = mesh.node_ids[odd][0]
-            self._once(f"left out: {odd.sum()} nodes at no corner of an element, {node} the first")
+        is_displaced = left_out & (mesh.coordinates_mm != 0.0).any(axis=1)
+        if is_displaced.any():
+            node = mesh.node_ids[is_displaced][0]
+            self._note_once(
+                f"left out: {is_displaced.sum()} nodes at no corner of an element, {node} the first"
+            )
 
     def _note_unknown(self) -> None:
         if self._points.unknown_types:
             types = ", ".join(map(str, self._points.unknown_types))
-            self._once(f"left out: elements of unknown type {types}")
+            self._note_once(f"left out: elements of unknown type {types}")
 
-    def _once(self, words: str) -> None:
-        """Note what holds for every increment the first time."""
-        if words not in self._said:
-            self.options.note(words)
-        self._said.add(words)
+    def _note_once(self, message: str) -> None:
+        """Note a remark about all increments once."""
+        if message not in self._noted:
+            self.options.note(message)
+        self._noted.add(message)

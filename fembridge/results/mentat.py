@@ -1,17 +1,16 @@
-"""Plots that Mentat saved as text.
+"""History and path plots of Mentat, saved as text or copied from a table.
 
-A history or path plot, saved as text or copied out of a table::
+Example::
 
     Time Node 2 <tab> Equivalent Von Mises Stress Node 2
     0       <tab> 0
     0.0005  <tab> 205.897
 
-Mentat describes none of its layouts. Known from real files is the one above, as it was
-copied from Mentat 2014 (there over strain); programs that read others report a header of
-some lines over two columns, and of an index before the columns. So a table is consecutive
-lines with the same count of numbers: the longest, and all others as wide. Names come from
-the line above that has one cell between tabs for each column. What has no name stays
-``column_3``, and is not guessed at.
+Mentat does not document its layouts. The layout above is from a real file, copied from Mentat
+2014 (over strain); programs that read other layouts describe a header of some lines above two
+columns, and an index column. Therefore a table is a run of lines with the same count of numbers:
+the longest run, and all others of the same width. Column names come from the line above with a
+cell between tabs for each column. A column without a name is ``column_3``.
 
 Time is taken as s and stress in `ReadOptions.stress_unit`.
 """
@@ -29,7 +28,7 @@ import numpy as np
 
 from fembridge.errors import ResultError
 from fembridge.results.byte_file import text_lines
-from fembridge.results.history import History, of_samples
+from fembridge.results.history import History, history_of_samples
 from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.results.source import Source
 from fembridge.trace import MS_PER_S, seconds_to_ms
@@ -37,8 +36,8 @@ from fembridge.typing import FloatArray, Table
 
 INDEX = "index"
 
-_LEAST_ROWS, _LEAST_COLUMNS = 2, 2
-_MOST_LINES_ABOVE, _MOST_TABLES, _MOST_LINES = 200, 100_000, 2_000_000
+_MIN_ROWS, _MIN_COLUMNS = 2, 2
+_MAX_LINES_ABOVE, _MAX_TABLES, _MAX_LINES = 200, 100_000, 2_000_000
 _NODE = re.compile(r"\b(?:node|n:) *:? *([0-9]{1,18})\b", re.IGNORECASE)
 _TIME = re.compile(r"\btime\b", re.IGNORECASE)
 _VON_MISES = re.compile(r"\bmises\b|\bequivalent cauchy stress\b", re.IGNORECASE)
@@ -46,10 +45,10 @@ _VON_MISES = re.compile(r"\bmises\b|\bequivalent cauchy stress\b", re.IGNORECASE
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlotTable:
-    """A table in a text: `labels` of its columns, `values` ``(R, C)`` as they are there.
+    """A table in a text: `labels` of its columns, `values` ``(R, C)`` as in the file.
 
-    `header` is the text above, `line` that of the first row. A column that counts the rows is
-    called "index".
+    `header` is the text above it, `line` the line of its first row. A column that counts the
+    rows has the label "index".
     """
 
     labels: tuple[str, ...]
@@ -59,29 +58,29 @@ class PlotTable:
 
     @property
     def x(self) -> int:
-        """Column of the abscissa: the first that is no index."""
+        """Column of the abscissa: the first that is not the index."""
         return 1 if self.labels[0] == INDEX else 0
 
     @property
     def is_named(self) -> bool:
-        """Whether the columns have names in the text."""
+        """Whether the text names the columns."""
         return self.labels[0] != "column_1"
 
     @property
     def is_over_time(self) -> bool:
-        """Whether the abscissa is called time."""
+        """Whether the abscissa is time."""
         return _TIME.search(self.labels[self.x]) is not None
 
     def node(self, column: int) -> int | None:
-        """The node that a column belongs to, if the text names it."""
-        found = _NODE.findall(self.labels[column])
-        if not found and len(self.labels) - self.x == 2:
-            found = [n for line in self.header for n in _NODE.findall(line)]
-        return int(found[0]) if len(set(found)) == 1 else None
+        """Node of a column; None if the text names none."""
+        numbers = _NODE.findall(self.labels[column])
+        if not numbers and len(self.labels) - self.x == 2:
+            numbers = [n for line in self.header for n in _NODE.findall(line)]
+        return int(numbers[0]) if len(set(numbers)) == 1 else None
 
 
 class PlotSource(Source):
-    """A history plot: curves over time of nodes."""
+    """A history plot: curves of nodes over time."""
 
     @cached_property
     def _read(self) -> tuple[list[PlotTable], str]:
@@ -94,36 +93,40 @@ class PlotSource(Source):
         return tables
 
     def stress(self, nodes: Sequence[int] | None) -> History:
-        """Von Mises stress over time at `nodes`, in that order; of None of all curves.
+        """Von Mises stress over time at `nodes`, in that order; None: of all curves.
 
-        A table whose columns have names must name time and von Mises stress; one of two columns
-        without names is taken as that, with a note. Where the text names no node, `nodes` say
-        whose its curves are, one for each.
+        A table with column names must name time and von Mises stress; two columns without names
+        are taken as these, with a remark. If the text names no nodes, `nodes` has one number for
+        each curve.
         """
         path, options = self.path, self.options
-        found: list[tuple[int | None, FloatArray]] = []
+        node_curves: list[tuple[int | None, FloatArray]] = []
         for table in self._tables():
             times_ms = self._times_ms(table)
-            for column in _stress_columns(table, path, options):
+            for column in _find_stress_columns(table, path, options):
                 stress_pa = in_pa(table.values[:, column], options, path)
-                found.append((table.node(column), np.stack([times_ms, stress_pa], -1)))
-        named = [node for node, _ in found if node is not None]
-        wanted = named if nodes is None else list(nodes)
-        if not named:
-            if len(wanted) != len(found):
-                words = "the text does not say of which node its curves are: name (--node N) one"
-                raise ResultError(f"{words} for each of the {len(found)}, {len(wanted)} were", path)
-            named = wanted
-        elif len(set(named)) < len(found):
-            twice = [node for node in named if named.count(node) > 1]
-            words = f"node {min(twice)} has two" if twice else "one has no node"
-            raise ResultError(f"of {len(found)} curves {words}", path)
-        curves = dict(zip(named, (curve for _, curve in found), strict=True))
-        for node in wanted:
+                node_curves.append((table.node(column), np.stack([times_ms, stress_pa], -1)))
+        numbers = [node for node, _ in node_curves if node is not None]
+        requested = numbers if nodes is None else list(nodes)
+        if not numbers:
+            if len(requested) != len(node_curves):
+                raise ResultError(
+                    f"has {len(requested)} numbers for {len(node_curves)} curves without node "
+                    "names, expected one for each (--node N)",
+                    path,
+                    argument="nodes",
+                )
+            numbers = requested
+        elif len(set(numbers)) < len(node_curves):
+            duplicates = [node for node in numbers if numbers.count(node) > 1]
+            message = f"node {min(duplicates)} has two" if duplicates else "one has no node name"
+            raise ResultError(f"of {len(node_curves)} curves {message}", path)
+        curves = dict(zip(numbers, (curve for _, curve in node_curves), strict=True))
+        for node in requested:
             if node not in curves:
-                there = ", ".join(map(str, curves))
-                raise ResultError(f"no curve of node {node}, there is {there}", path)
-        return of_samples([(node, curves[node]) for node in wanted], path)
+                available = ", ".join(map(str, curves))
+                raise ResultError(f"no curve of node {node}; the file has {available}", path)
+        return history_of_samples([(node, curves[node]) for node in requested], path)
 
     def _times_ms(self, table: PlotTable) -> FloatArray:
         times_s = table.values[:, table.x]
@@ -136,13 +139,13 @@ class PlotSource(Source):
         return times_ms
 
     def named_nodes(self) -> tuple[int, ...]:
-        """The nodes that the text names, of all curves; none if it names none."""
-        found = [
+        """Nodes of all curves that the text names."""
+        nodes = [
             table.node(column)
             for table in self._read[0]
             for column in range(table.x + 1, len(table.labels))
         ]
-        return tuple(dict.fromkeys(node for node in found if node is not None))
+        return tuple(dict.fromkeys(node for node in nodes if node is not None))
 
     def describe(self) -> Table:
         """Tables, columns and nodes of a plot."""
@@ -158,23 +161,24 @@ class PlotSource(Source):
         }
 
     def table(self, quantity: str | None = None) -> Iterator[Sequence[object]]:
-        """What the plot holds, number by number.
-
-        Of several tables the first column, ``table``, counts them.
-        """
+        """The plot as a table; with several tables the first column, ``table``, counts them."""
         first, *others = tables = self._tables()
         columns = list(first.labels)
         if not first.is_over_time and any(map(_VON_MISES.search, columns)):
-            self.options.note(f"over {columns[first.x]!r} and not over Time: a table, no traces")
+            self.options.note(f"abscissa {columns[first.x]!r} is not Time: a table, no traces")
         if any(table.labels != first.labels for table in others):
-            columns = _without_nodes(columns)
+            columns = _remove_nodes(columns)
         for table in others:
-            if _without_nodes(table.labels) != _without_nodes(columns):
-                words = f"columns {', '.join(table.labels)}, those of the first table are "
-                raise ResultError(words + ", ".join(first.labels), self.path, table.line)
+            if _remove_nodes(table.labels) != _remove_nodes(columns):
+                labels, expected = ", ".join(table.labels), ", ".join(first.labels)
+                raise ResultError(
+                    f"columns {labels}, expected {expected} as in the first table",
+                    self.path,
+                    table.line,
+                )
         columns = [
-            f"{name} ({columns[:at].count(name) + 1})" if name in columns[:at] else name
-            for at, name in enumerate(columns)
+            f"{name} ({columns[:index].count(name) + 1})" if name in columns[:index] else name
+            for index, name in enumerate(columns)
         ]
         yield ["table", *columns] if others else columns
         for count, table in enumerate(tables, start=1):
@@ -184,10 +188,10 @@ class PlotSource(Source):
 
 @dataclass(slots=True)
 class _Group:
-    """Consecutive lines with as many numbers each, `columns`; the last of them as `texts`.
+    """Consecutive lines with `columns` numbers each; `texts` are the last of them.
 
-    `line` is the number of the first. What Python takes for a number and Mentat does not write,
-    such as ``1_000``, is NaN.
+    `line` is the number of the first line. A number that Mentat does not write, such as
+    ``1_000``, is NaN.
     """
 
     columns: int
@@ -198,88 +202,90 @@ class _Group:
 
     @property
     def is_table(self) -> bool:
-        """Whether it has rows and columns enough."""
-        return self.columns >= _LEAST_COLUMNS and self.rows >= _LEAST_ROWS
+        """Whether it has enough rows and columns."""
+        return self.columns >= _MIN_COLUMNS and self.rows >= _MIN_ROWS
 
 
-def _groups(path: Path) -> Iterator[tuple[_Group, str]]:
-    """The groups of lines, and in the last one the text of a line without an end, else ""."""
+def _read_groups(path: Path) -> Iterator[tuple[_Group, str]]:
+    """Groups of lines; with the last group the text of an incomplete last line, else ""."""
     group: _Group | None = None
     number, cut = 0, ""
-    for number, line, ended in text_lines(path):
-        if number > _MOST_LINES:
-            raise ResultError(f"more than {_MOST_LINES} lines: no plot", path, number)
-        text = _in_utf8(line)
-        numbers = _numbers(text)
+    for number, line, closed in text_lines(path):
+        if number > _MAX_LINES:
+            raise ResultError(f"more than {_MAX_LINES} lines, too many for a plot", path, number)
+        text = _decode_utf8(line)
+        numbers = _parse_numbers(text)
         if group is None or len(numbers) != group.columns:
             if group is not None:
                 yield group, ""
-            group = _Group(len(numbers), number, deque(maxlen=_MOST_LINES_ABOVE), array("d"))
+            group = _Group(len(numbers), number, deque(maxlen=_MAX_LINES_ABOVE), array("d"))
         group.texts.append(text)
         group.numbers.extend(numbers)
         group.rows += 1
-        cut = "" if ended else text
+        cut = "" if closed else text
     if group is not None:
         yield group, cut
     yield _Group(0, number + 1, deque([""]), array("d"), 1), cut
 
 
 def read_plot_tables(path: Path) -> tuple[list[PlotTable], str]:
-    """The longest table of a text and the others as wide, in file order; and a doubt, or ""."""
-    places: list[tuple[list[str], _Group, _Group]] = []  # texts above, rows, and what follows
-    above: deque[str] = deque(maxlen=_MOST_LINES_ABOVE)
-    before: _Group | None = None
+    """Longest table of a text and others of its width, in file order; and a warning, or ""."""
+    candidates: list[tuple[list[str], _Group, _Group]] = []  # texts above, rows, and what follows
+    lines_above: deque[str] = deque(maxlen=_MAX_LINES_ABOVE)
+    previous: _Group | None = None
     cut = ""
-    for group, text in _groups(path):
+    for group, text in _read_groups(path):
         cut = text
-        if before is not None and before.is_table:
-            places.append((list(above), before, group))
-            above.clear()
-            if len(places) > _MOST_TABLES:
-                raise ResultError(f"more than {_MOST_TABLES} tables", path)
-        elif before is not None:
-            above += before.texts
-        before = group
-    if not places:
-        raise ResultError("no table: no two lines with as many numbers each", path)
-    width = max(places, key=lambda place: place[1].rows)[1].columns
+        if previous is not None and previous.is_table:
+            candidates.append((list(lines_above), previous, group))
+            lines_above.clear()
+            if len(candidates) > _MAX_TABLES:
+                raise ResultError(f"more than {_MAX_TABLES} tables", path)
+        elif previous is not None:
+            lines_above += previous.texts
+        previous = group
+    if not candidates:
+        raise ResultError("no table: expected two lines with the same count of numbers", path)
+    width = max(candidates, key=lambda candidate: candidate[1].rows)[1].columns
     tables = []
-    for texts, group, after in places:
+    for texts, group, next_group in candidates:
         if group.columns != width:
             continue
         values = np.frombuffer(group.numbers).reshape(group.rows, width)
-        labels = _labels(texts, values)
-        # A row that is damaged parts a table, or is taken for its heading.
+        labels = _find_labels(texts, values)
+        # A damaged row splits a table or looks like its heading.
         end = group.line + group.rows
-        if after.columns or _like_row(after.texts[0], width):
+        if next_group.columns or _resembles_row(next_group.texts[0], width):
             raise ResultError(f"no row of {width} numbers, at a table of such", path, end)
-        if labels[0] != "column_1" and texts and _like_row(texts[-1], width):
+        if labels[0] != "column_1" and texts and _resembles_row(texts[-1], width):
             raise ResultError(
                 f"no row of {width} numbers, at a table of such", path, group.line - 1
             )
-        if (bad := np.argwhere(~np.isfinite(values))).size:
-            problem = "a number that is not finite, or not in ASCII digits"
-            raise ResultError(problem, path, group.line + int(bad[0][0]))
+        if (not_finite := np.argwhere(~np.isfinite(values))).size:
+            problem = "number is not finite or not in ASCII digits"
+            raise ResultError(problem, path, group.line + int(not_finite[0][0]))
         header = tuple(filter(str.strip, texts))
         tables.append(PlotTable(labels, values, header, group.line))
     doubts = []
-    if lost := [line for line in tables[0].header if len(_numbers(line)) == width]:
-        doubts.append(f"a row above the names of the columns is left out: {lost[-1].strip()!r}")
+    if rows_above := [line for line in tables[0].header if len(_parse_numbers(line)) == width]:
+        doubts.append(
+            f"a row above the names of the columns is left out: {rows_above[-1].strip()!r}"
+        )
     if cut.strip():
         doubts.append(f"the last line has no end and may be cut: {cut.strip()[-40:]!r}")
     return tables, "; ".join(doubts)
 
 
-def _like_row(line: str, columns: int) -> bool:
-    """Whether a line that is no row of `columns` numbers may have been one."""
-    words = line.split()
-    if not words or len(words) > columns + 1 or not any(map(str.isdecimal, words[0])):
+def _resembles_row(line: str, columns: int) -> bool:
+    """Whether a line may be a damaged row of `columns` numbers."""
+    fields = line.split()
+    if not fields or len(fields) > columns + 1 or not any(map(str.isdecimal, fields[0])):
         return False
-    return len(words) == 1 or any(_numbers(word) for word in words)
+    return len(fields) == 1 or any(_parse_numbers(field) for field in fields)
 
 
-def _in_utf8(line: str) -> str:
-    """A line that was read as Latin-1, which it stays where it is no UTF-8."""
+def _decode_utf8(line: str) -> str:
+    """A line that was decoded as Latin-1, decoded as UTF-8 if it is valid UTF-8."""
     if line.isascii():
         return line
     try:
@@ -288,13 +294,13 @@ def _in_utf8(line: str) -> str:
         return line
 
 
-def _numbers(line: str) -> list[float]:
-    """The numbers of a line of numbers alone; none of any other line.
+def _parse_numbers(line: str) -> list[float]:
+    """Numbers of a line that has only numbers; empty for any other line.
 
-    NaN stands for what is a number of Python alone: ``1_000``, ``inf``, other scripts' digits.
+    Numbers that only Python accepts (``1_000``, ``inf``, digits of other scripts) become NaN.
     """
     try:
-        numbers = [float(word) for word in line.split()]
+        numbers = [float(field) for field in line.split()]
     except ValueError:
         return []
     if "_" in line or not line.isascii() or not all(map(math.isfinite, numbers)):
@@ -302,39 +308,39 @@ def _numbers(line: str) -> list[float]:
     return numbers
 
 
-def _labels(before: Sequence[str], values: FloatArray) -> tuple[str, ...]:
+def _find_labels(lines_above: Sequence[str], values: FloatArray) -> tuple[str, ...]:
     columns = values.shape[1]
-    counts = bool((np.diff(values[:, 0]) == 1).all()) and values[0, 0] in (0, 1)
-    for line in reversed(before):
+    is_index = bool((np.diff(values[:, 0]) == 1).all()) and values[0, 0] in (0, 1)
+    for line in reversed(lines_above):
         cells = [cell.strip() for cell in line.split("\t") if cell.strip()]
-        if _like_row(line, columns):
+        if _resembles_row(line, columns):
             continue
         if len(cells) == columns:
             return tuple(cells)
-        if len(cells) == columns - 1 >= 2 and counts:
+        if len(cells) == columns - 1 >= 2 and is_index:
             return (INDEX, *cells)
     return tuple(f"column_{count}" for count in range(1, columns + 1))
 
 
-def _stress_columns(table: PlotTable, path: Path, options: ReadOptions) -> list[int]:
+def _find_stress_columns(table: PlotTable, path: Path, options: ReadOptions) -> list[int]:
     others, line = range(table.x + 1, len(table.labels)), table.line
     if not table.is_named:
         if len(others) > 1:
-            words = f"{len(table.labels)} columns without names: which is time, and which von"
-            raise ResultError(f"{words} Mises stress, is not said", path, line)
-        above = f"; above them: {' / '.join(table.header)[:200]!r}" * bool(table.header)
-        options.note(f"columns without names, taken as time in s and von Mises stress{above}")
+            message = f"{len(table.labels)} columns without names: which is time, and which von"
+            raise ResultError(f"{message} Mises stress, is not said", path, line)
+        header_text = f"; above them: {' / '.join(table.header)[:200]!r}" * bool(table.header)
+        options.note(f"columns without names, taken as time in s and von Mises stress{header_text}")
         return list(others)
     if not table.is_over_time:
         raise ResultError(f"over {table.labels[table.x]!r}, a trace needs Time there", path, line)
     columns = [k for k in others if _VON_MISES.search(table.labels[k])]
-    left = ", ".join(repr(table.labels[k]) for k in others if k not in columns)
+    left_out_text = ", ".join(repr(table.labels[k]) for k in others if k not in columns)
     if not columns:
-        raise ResultError(f"no von Mises stress in it, but {left}", path, line)
-    if left:
-        options.note(f"no von Mises stress, left out: {left}")
+        raise ResultError(f"no von Mises stress in it, but {left_out_text}", path, line)
+    if left_out_text:
+        options.note(f"no von Mises stress, left out: {left_out_text}")
     return columns
 
 
-def _without_nodes(labels: Sequence[str]) -> list[str]:
+def _remove_nodes(labels: Sequence[str]) -> list[str]:
     return [_NODE.sub("", label).strip() for label in labels]

@@ -1,26 +1,25 @@
-"""Which nodes to read: by number, by name of a set, by place.
+"""Selection of nodes: by number, by set name, by position.
 
-Sets are in the result file, or in a deck beside it: a Marc post file has its own; a
-``.frd`` has none, and its deck is asked. The deck's suffix says whose it is: ``.inp``
-CalculiX's (or Abaqus's), ``.dat`` Marc's. Places are coordinates of the undeformed
-mesh in mm.
+A Marc post file contains its sets. A ``.frd`` has none; its sets are read from the deck of
+the same name in the same folder. The suffix gives the solver of a deck: ``.inp`` CalculiX or
+Abaqus, ``.dat`` Marc. Positions are coordinates of the undeformed mesh in mm.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from fembridge.errors import DeckError, ResultError, UsageError
+from fembridge.host.store import MAX_DECK_BYTES, read_bytes
 from fembridge.results.fields import node_numbers
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import open_source
 from fembridge.results.source import Source
-from fembridge.store import MAX_DECK_BYTES, read_bytes
 from fembridge.typing import Table
 
-_MOST_NODES = 2_000_000
+_MAX_NODES = 2_000_000
 
 
 def choose_nodes(
@@ -30,42 +29,53 @@ def choose_nodes(
     near_mm: Sequence[Sequence[float]] = (),
     deck: Path | None = None,
 ) -> list[int]:
-    """Numbers of nodes, of the `sets` and near the places `near_mm`, each once.
+    """Numbers of the selected nodes, without duplicates; each set and position is logged.
 
-    `deck` holds the sets; None takes those of the result file where it has sets, else the
-    deck with its stem beside it. What a set or place came to is noted.
+    Parameters
+    ----------
+    source
+        The open result file.
+    nodes
+        Node numbers.
+    sets
+        Names of node sets.
+    near_mm
+        Positions in mm: for each, the nearest node that has results.
+    deck
+        Deck that defines the sets. None: the result file itself if its format has sets, else
+        the deck of the same name in its folder.
     """
-    found, words = node_numbers(nodes), []
+    numbers, descriptions = node_numbers(nodes), []
     for name in sets:
-        members, place = node_set(source, name, deck)
-        found += members
+        members, file = find_node_set(source, name, deck)
+        numbers += members
         shown = ", ".join(map(str, members[:5])) + (", ..." if len(members) > 5 else "")
         count = f"{len(members)} node{'s' * (len(members) != 1)}"
-        words.append(f"set {name} of {place.name}: {count}, {shown}")
-    for node, said in near_nodes(source, near_mm) if len(near_mm) else ():
-        found.append(node)
-        words.append(said)
-    for line in words:
+        descriptions.append(f"set {name} of {file.name}: {count}, {shown}")
+    for node, description in find_nearest_nodes(source, near_mm) if len(near_mm) else ():
+        numbers.append(node)
+        descriptions.append(description)
+    for line in descriptions:
         source.options.note(line)
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(numbers))
 
 
-def node_set(source: Source, name: str, deck: Path | None) -> tuple[list[int], Path]:
-    """Nodes of the set `name`, case-blind and without blanks, and the file that has it."""
+def find_node_set(source: Source, name: str, deck: Path | None) -> tuple[list[int], Path]:
+    """Nodes of the set `name` (case and blanks do not matter), and the file that defines it."""
     missing = []
-    for file, sets in _sets_of(source) if deck is None else [(deck, _sets_in(deck))]:
-        for one, pieces in sets.items():
-            if "".join(one.split()).casefold() == "".join(name.split()).casefold():
-                if not 0 < (count := sum(map(len, pieces))) <= _MOST_NODES:
-                    words = f"set {name} has {count} nodes, expected 1 to {_MOST_NODES}"
-                    raise ResultError(words, file)
+    for file, sets in _available_sets(source) if deck is None else [(deck, _read_sets(deck))]:
+        for set_name, pieces in sets.items():
+            if "".join(set_name.split()).casefold() == "".join(name.split()).casefold():
+                if not 0 < (count := sum(map(len, pieces))) <= _MAX_NODES:
+                    message = f"node set {name} has {count} nodes, expected 1 to {_MAX_NODES}"
+                    raise ResultError(message, file)
                 return list(dict.fromkeys(int(node) for piece in pieces for node in piece)), file
-        missing.append(f"{file}: no node set {name!r}; it has {', '.join(sets) or 'none'}")
+        missing.append(f"{file}: no node set {name!r}; the file has {', '.join(sets) or 'none'}")
     raise UsageError("; ".join(missing))
 
 
-def sets_beside(path: Path) -> list[Table]:
-    """The node sets of the deck beside a result file, as a description has them."""
+def describe_deck_sets(path: Path) -> list[Table]:
+    """The node sets of the deck in the folder of a result file, for a description."""
     try:
         sets = read_node_sets(path.with_suffix(".inp"))
     except ResultError:
@@ -76,17 +86,33 @@ def sets_beside(path: Path) -> list[Table]:
     ]
 
 
-def read_node_sets(deck: Path) -> dict[str, list[range]]:
-    """The node sets of a CalculiX deck by name, in capitals, as runs of numbers."""
-    from decks.inp import beside, node_sets, read_inp
+def shell_nodes(deck: Path, nodes: Collection[int]) -> set[int] | None:
+    """Those of `nodes` that `deck` has in shells or membranes; None without a readable deck."""
+    from decks.inp import folder_resolver, read_inp
+    from decks.own_model.inp_model import ModelScope, family_of
 
     try:
-        held = read_inp(_bytes(deck), resolver=beside(deck))
-        sets = node_sets(held)
+        scope = ModelScope(read_inp(_read_deck(deck), resolver=folder_resolver(deck)).blocks)
+    except (DeckError, ResultError):
+        return None
+    return {
+        node
+        for node, elements in scope.elements_at(nodes).items()
+        if any(family_of(element.kind) in ("shell", "membrane") for element in elements)
+    }
+
+
+def read_node_sets(deck: Path) -> dict[str, list[range]]:
+    """The node sets of a CalculiX deck by name (in capitals), as ranges of node numbers."""
+    from decks.inp import folder_resolver, node_sets, read_inp
+
+    try:
+        content = read_inp(_read_deck(deck), resolver=folder_resolver(deck))
+        sets = node_sets(content)
     except DeckError as error:
-        raise ResultError(str(error), deck) from error
-    if held.unread:
-        raise ResultError(f"its sets are not known{held.unread}", deck)
+        raise ResultError.from_error(error, deck) from error
+    if content.unread:
+        raise ResultError(f"the node sets are unknown{content.unread}", deck)
     return sets
 
 
@@ -94,23 +120,25 @@ Sets = Mapping[str, Sequence[Sequence[int]]]
 """Nodes of sets by name, in pieces."""
 
 
-def _sets_of(source: Source) -> Iterator[tuple[Path, Sets]]:
-    """Those of the file itself where its format has sets, and those of the deck beside it."""
-    held, path = source.node_sets(), source.path
-    if held is not None:
+def _available_sets(source: Source) -> Iterator[tuple[Path, Sets]]:
+    """Sets of the file itself if its format has sets, and of the deck in its folder."""
+    file_sets, path = source.node_sets(), source.path
+    if file_sets is not None:
         from decks.marc.grammar import is_marc_deck
 
-        yield path, held
+        yield path, file_sets
         if is_marc_deck(path.with_suffix(".dat")):
-            yield path.with_suffix(".dat"), _sets_in(path.with_suffix(".dat"))
+            yield path.with_suffix(".dat"), _read_sets(path.with_suffix(".dat"))
         return
     deck = path.with_suffix(".inp")
     if not deck.is_file():
-        raise UsageError(f"{path}: no deck {deck.name} beside it; name one: --deck")
-    yield deck, _sets_in(deck)
+        raise UsageError(
+            f"is missing, and this folder has no deck {deck.name}", path, argument="deck"
+        )
+    yield deck, _read_sets(deck)
 
 
-def _sets_in(deck: Path) -> Sets:
+def _read_sets(deck: Path) -> Sets:
     """The node sets of a deck or post file."""
     if deck.suffix.lower() in (".t16", ".t19"):
         with open_source(deck, ReadOptions()) as source:
@@ -120,47 +148,56 @@ def _sets_in(deck: Path) -> Sets:
     from decks.marc.contents import read_marc_deck
 
     try:
-        held = read_marc_deck(_bytes(deck)).sets().values()
+        all_sets = read_marc_deck(_read_deck(deck)).sets().values()
     except DeckError as error:
-        raise ResultError(f"sets cannot be read: {error}", deck) from error
-    nodal = [one for one in held if one.kind.startswith("node")]
-    return {one.name.strip(): [one.member.tolist()] for one in nodal}
+        raise ResultError(f"cannot read the sets: {error}", deck) from error
+    nodal_sets = [entry for entry in all_sets if entry.kind.startswith("node")]
+    return {entry.name.strip(): [entry.member.tolist()] for entry in nodal_sets}
 
 
-def _bytes(deck: Path) -> bytes:
+def _read_deck(deck: Path) -> bytes:
     return read_bytes(deck, MAX_DECK_BYTES, ResultError.at(deck))
 
 
-def near_nodes(source: Source, places_mm: Sequence[Sequence[float]]) -> list[tuple[int, str]]:
-    """The node nearest to each place that has a stress, of equals the lowest; and its words.
+def find_nearest_nodes(
+    source: Source, positions_mm: Sequence[Sequence[float]]
+) -> list[tuple[int, str]]:
+    """The nearest node with results for each position, and a description of it.
 
-    A place is x, y or x, y, z. Without z the mesh has to be in one plane of z. The words
-    say where the node is, how far away, and which is nearer and has no results, because
-    the output was restricted to a set.
+    A position is (x, y) or (x, y, z) in mm; z may be omitted if all nodes have the same z. Of
+    nodes at the same distance, the lowest number. The description has the coordinates of the
+    node, its distance, and a nearer node without results, if the output was restricted to a set.
     """
-    for place in places_mm:
-        if len(place) not in (2, 3) or not all(map(math.isfinite, place)):
-            raise UsageError(f"place {', '.join(map(str, place))}: expected x,y or x,y,z")
-    path, (nodes, at_mm, held) = source.path, source.places()
-    lowest, highest = float(at_mm[:, 2].min()), float(at_mm[:, 2].max())
+    for position_mm in positions_mm:
+        if len(position_mm) not in (2, 3) or not all(map(math.isfinite, position_mm)):
+            values_text = ", ".join(map(str, position_mm))
+            raise UsageError(f"is {values_text}, expected x,y or x,y,z", argument="near_mm")
+    path, (nodes, coordinates_mm, has_results) = source.path, source.node_positions()
+    lowest, highest = float(coordinates_mm[:, 2].min()), float(coordinates_mm[:, 2].max())
     flat = highest - lowest <= 1e-9 * max(1.0, abs(lowest), abs(highest))
-    if not flat and any(len(place) == 2 for place in places_mm):
+    if not flat and any(len(position_mm) == 2 for position_mm in positions_mm):
         raise UsageError(
-            f"{path}: nodes have z from {lowest:g} to {highest:g}: name a place as x,y,z"
+            f"lacks z: nodes have z from {lowest:g} to {highest:g} mm; expected x,y,z",
+            path,
+            argument="near_mm",
         )
-    found = []
-    for place in places_mm:
-        with np.errstate(over="ignore"):  # a place out of reach is at infinity
-            away_mm = np.linalg.norm(at_mm[:, : len(place)] - np.array(place), axis=1)
-        nearest = int(np.lexsort((nodes, away_mm))[0])
-        row = int(np.lexsort((nodes, away_mm, ~held))[0])
-        if not (held[row] and math.isfinite(away_mm[row])):
-            raise ResultError("no node of the mesh has a place and results", path)
-        asked, at = (
-            ", ".join(f"{value:g}" for value in one) for one in (place, at_mm[row, : len(place)])
+    matches = []
+    for position_mm in positions_mm:
+        with np.errstate(over="ignore"):  # a huge coordinate has an infinite distance
+            distances_mm = np.linalg.norm(
+                coordinates_mm[:, : len(position_mm)] - np.array(position_mm), axis=1
+            )
+        nearest = int(np.lexsort((nodes, distances_mm))[0])
+        row = int(np.lexsort((nodes, distances_mm, ~has_results))[0])
+        if not (has_results[row] and math.isfinite(distances_mm[row])):
+            raise ResultError("no node has both finite coordinates and results", path)
+        requested_text, node_text = (
+            ", ".join(f"{value:g}" for value in coordinates)
+            for coordinates in (position_mm, coordinates_mm[row, : len(position_mm)])
         )
-        words = f"near {asked}: node {nodes[row]} at {at}, {away_mm[row]:.3g} mm away"
-        if away_mm[nearest] < away_mm[row]:
-            words += f" (node {nodes[nearest]} is nearer and has no results)"
-        found.append((int(nodes[row]), words))
-    return found
+        distance_text = f"{distances_mm[row]:.3g} mm away"
+        description = f"near {requested_text}: node {nodes[row]} at {node_text}, {distance_text}"
+        if distances_mm[nearest] < distances_mm[row]:
+            description += f" (node {nodes[nearest]} is nearer but has no results)"
+        matches.append((int(nodes[row]), description))
+    return matches

@@ -1,5 +1,6 @@
-"""What a caller may ask of any reader, beside the nodes."""
+"""Options of all readers."""
 
+import logging
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,45 +11,70 @@ from decks.unit_system import LENGTH_UNITS, UNIT_SYSTEMS
 from fembridge.errors import ResultError, UsageError
 from fembridge.typing import FloatArray
 
-PA_PER_UNIT = {one.stress_unit: one.stress_pa for one in UNIT_SYSTEMS.values()}
+PA_PER_UNIT = {system.stress_unit: system.stress_pa for system in UNIT_SYSTEMS.values()}
 METHODS = ("linear", "translate", "average")  # see `fembridge.results.extrapolation`
 VON_MISES = ("tensor", "scalar")
 
+_LOGGER = logging.getLogger(__name__)
+
 
 class NotFiniteError(ResultError):
-    """A NaN or an infinite value, which a partial reading may leave out."""
+    """A NaN or an infinite value; with `partial` the reader leaves its increment out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """Information about a file; `is_cut` marks that the end of the file is missing."""
+
+    message: str
+    is_cut: bool = False
+
+    def __str__(self) -> str:
+        return self.message
 
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """How strictly to read, in which unit, and where remarks go.
+    """How strictly to read a file, and in which units.
 
-    `partial` takes what is whole of a run that did not end well, and says to `log`
-    what it dropped; without it such a file is refused. `across_materials` allows the
-    stress of a node on a layer boundary. `stress_unit` is the unit of the file:
-    CalculiX and Marc have none, the deck decides; N and mm give MPa. `length_unit` is that
-    of its coordinates and displacements, "mm", "m" or "in".
-
-    Of a file that holds integration points (Marc's): `extrapolate` is how their
-    values are carried to nodes, one of `METHODS`, None for the first.
-    `von_mises` "tensor" (None too) takes the von Mises stress of the nodal tensor,
-    "scalar" that of the points, carried to the node as a number.
-
-    `branches` says of nodes in relaxing skin how many branches their stress is the
-    sum of: a ``.frd`` holds the mean, over elements of that many materials.
-
-    `on_axis` are nodes on the axis of a half of a section, where there is no shear.
-
-    `classes` are those of the nodes at which the run's afferents sit.
-
-    `columns` are names in a table or series by what they are, see
-    `fembridge.results.columns`.
+    Parameters
+    ----------
+    partial
+        Read the complete part of a run that did not end normally and log omissions.
+        Default: False, such a file is refused.
+    across_materials
+        Allow the stress of a node on a layer boundary. Default: False.
+    stress_unit
+        Unit of stress in the file. CalculiX and Marc have no units, the deck decides; N and mm
+        give MPa. Default: "MPa".
+    extrapolate
+        Method of extrapolation from integration points to nodes in a Marc file, one of
+        `METHODS`. Default: None, the first of them.
+    von_mises
+        Of a Marc file: "tensor" is the von Mises stress of the nodal tensor, "scalar" the
+        extrapolated von Mises stress of the integration points. Default: None, "tensor".
+    branches
+        Number of branches by node in relaxing skin. Stress there is the sum over branches; a
+        ``.frd`` has the mean over elements of that many materials. Default: none.
+    on_axis
+        Nodes on the symmetry axis of a half section, where the shear is 0. Default: none.
+    classes
+        Afferent class by node, for the nodes of the run's afferents. Default: none.
+    length_unit
+        Unit of coordinates and displacements, "mm", "m" or "in". Default: "mm".
+    columns
+        Column or array names by quantity, see `fembridge.results.columns`. Default: none.
+    path
+        File that log lines name. Default: None, no file.
+    quiet
+        Neither log nor warn. Default: False.
+    on_remark
+        Called with each remark instead of logging it. Default: None.
     """
 
     partial: bool = False
     across_materials: bool = False
     stress_unit: str = "MPa"
-    log: Callable[[str], None] | None = None
     extrapolate: str | None = None
     von_mises: str | None = None
     branches: Mapping[int, int] = field(default_factory=dict)
@@ -56,32 +82,35 @@ class ReadOptions:
     classes: Mapping[int, str] = field(default_factory=dict)
     length_unit: str = "mm"
     columns: Mapping[str, str] = field(default_factory=dict)
+    path: Path | None = None
+    quiet: bool = False
+    on_remark: Callable[[Remark], None] | None = None
 
     def __post_init__(self) -> None:
-        for what, value, known in (
-            ("stress unit", self.stress_unit, PA_PER_UNIT),
-            ("length unit", self.length_unit, LENGTH_UNITS),
-            ("extrapolation", self.extrapolate or METHODS[0], METHODS),
-            ("von Mises of", self.von_mises or VON_MISES[0], VON_MISES),
+        for argument, value, accepted in (
+            ("stress_unit", self.stress_unit, PA_PER_UNIT),
+            ("length_unit", self.length_unit, LENGTH_UNITS),
+            ("extrapolate", self.extrapolate or METHODS[0], METHODS),
+            ("von_mises", self.von_mises or VON_MISES[0], VON_MISES),
         ):
-            if value not in known:
-                raise UsageError(f"{what} {value!r}, expected {', '.join(known)}")
+            if value not in accepted:
+                raise UsageError(argument=argument, found=value, expected=", ".join(accepted))
 
     @property
     def method(self) -> str:
-        """How values are carried from integration points to nodes."""
+        """Method of extrapolation from integration points to nodes."""
         return self.extrapolate or METHODS[0]
 
     @property
     def length_mm(self) -> float:
-        """The file's unit of length."""
+        """Unit of length of the file, in mm."""
         return LENGTH_UNITS[self.length_unit].length_mm
 
     def scale(self, unit: str) -> float:
-        """What a number of the file is times, to be in `unit`; 1 in one that has no dimension.
+        """Factor from the file's unit to `unit`; 1 for a unit without dimension.
 
-        A force is a stress times a length squared, Pa m² is N; of lengths in mm it is taken
-        as N whatever the stress is in.
+        A force is stress times length squared: Pa m² is N. With lengths in mm, forces are
+        taken as N in any unit of stress.
         """
         stress_pa, length_mm = PA_PER_UNIT[self.stress_unit], self.length_mm
         force_n = 1.0 if length_mm == 1.0 else stress_pa * (length_mm / 1000.0) ** 2
@@ -94,25 +123,37 @@ class ReadOptions:
         }
         return scales.get(unit, 1.0)
 
-    def note(self, words: str) -> None:
-        """Pass the remark `words` on to `log`."""
-        if self.log is not None:
-            self.log(words)
+    def note(self, message: str, *, is_cut: bool = False) -> None:
+        """Pass a remark to `on_remark`; without it log the remark, unless `quiet`."""
+        if self.on_remark is not None:
+            self.on_remark(Remark(message, is_cut))
+        elif not self.quiet:
+            prefix = "" if self.path is None else f"{self.path}: "
+            _LOGGER.info(f"{prefix}{message}", extra={"remark": message})
 
     def refuse(
-        self, words: str, path: Path, line: int | None = None, noted: str | None = None
+        self,
+        message: str,
+        path: Path,
+        line: int | None = None,
+        *,
+        partial_note: str | None = None,
+        is_cut: bool = False,
     ) -> None:
-        """Refuse a file for `words`; a partial reading notes them, or `noted`, and goes on."""
+        """Raise a `ResultError`; with `partial` note `partial_note`, else `message`, instead."""
         if not self.partial:
-            raise ResultError(f"{words}; --partial (partial=True) takes what is whole", path, line)
-        self.note(noted or words)
+            advice = "--partial (partial=True) reads the complete part"
+            raise ResultError(f"{message}; {advice}", path, line)
+        self.note(partial_note or message, is_cut=is_cut)
 
 
 def in_pa(stress: FloatArray, options: ReadOptions, path: Path) -> FloatArray:
-    """Stress of a file in Pa; a number too large to be one is a `ResultError`."""
+    """Stress of a file in Pa; an infinite value raises a `ResultError`."""
     with np.errstate(over="ignore"):
         stress_pa: FloatArray = stress * PA_PER_UNIT[options.stress_unit]
     if not np.isfinite(stress_pa).all():
         worst = float(stress.flat[np.abs(stress).argmax()])
-        raise ResultError(f"a stress of {worst:g} {options.stress_unit}", path)
+        raise ResultError(
+            f"stress of {worst:g} {options.stress_unit}, expected a finite value", path
+        )
     return stress_pa

@@ -1,8 +1,8 @@
-"""Which reader takes a result file.
+"""The table of readers of result files.
 
-Suffix and first bytes both decide; a reader's module is imported when a file asks for
-it. Another package adds a row, a `Reader`, under the entry point group
-``fembridge.readers``; it is asked when none of ours takes the file.
+Suffix and first bytes decide which reader opens a file; its module is imported then. Another
+package adds a `Reader` under the entry point group ``fembridge.readers``; it is tried after
+the readers of this table.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,9 +25,9 @@ ENTRY_POINTS = "fembridge.readers"
 
 _FIRST_BYTES = 64
 PRINTS = {".dat": "ccx-dat", ".sta": "ccx-sta", ".cvg": "ccx-cvg", ".sts": "marc-sts"}
-"""What solvers print beside their results: names of the formats, by suffix."""
+"""Format names of files that solvers print, by suffix."""
 STATUS = PRINTS.keys() - {".dat"}
-"""Those without a number at a node or a point: no result of a folder."""
+"""Suffixes of status files, which have no values at nodes or points."""
 _KNOWN_STARTS = (
     (b"\x1f\x8b", "gzip: name it .frd.gz"),
     (b"PK\x03\x04", "zip: unpack it first"),
@@ -35,33 +35,45 @@ _KNOWN_STARTS = (
     (b"<?xml", "XML"),
     (b"<VTKFile", "VTK"),
     (b"# vtk", "VTK"),
-    (b"\xef\xbb\xbf", "text with a byte order mark: saved again by another program"),
-    (b"\xff\xfe", "UTF-16 text: saved again by another program"),
-    (b"*", "a solver deck, no results"),
+    (b"\xef\xbb\xbf", "text with a byte order mark, saved by another program"),
+    (b"\xff\xfe", "UTF-16 text, saved by another program"),
+    (b"*", "a solver deck without results"),
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Reader:
-    """A format: its `suffix`, its `first_bytes`, and where it is read.
+    """A format of result files and its reader.
 
-    `first_bytes` may be several, of which a file has one, or none: any text.
-    `target` is ``module:class`` of a `fembridge.results.source.Source`, which is called with
-    the open file and the options; `points` says that the file holds integration points, so that
-    the way to a node can be chosen, `named` that its columns have to be named.
+    Parameters
+    ----------
+    name
+        Name of the format.
+    suffix
+        Suffix of its files, with the point.
+    first_bytes
+        First bytes of its files, or a tuple of alternatives; empty for any text.
+    target
+        ``module:class`` of a `fembridge.results.source.Source`; it is called with the open
+        file and the options.
+    has_points
+        Whether values are stored at integration points, so that a method of extrapolation
+        applies. Default: False.
+    needs_columns
+        Whether the user names the columns. Default: False.
     """
 
     name: str
     suffix: str
     first_bytes: bytes | tuple[bytes, ...]
     target: str
-    points: bool = False
-    named: bool = False
+    has_points: bool = False
+    needs_columns: bool = False
 
     def takes(self, start: bytes) -> bool:
         """Whether a file that begins with `start` may be of this format.
 
-        Of one without first bytes, any that is text and begins as no other.
+        A format without first bytes takes any text that no other format takes.
         """
         if self.first_bytes:
             return start.startswith(self.first_bytes)
@@ -78,14 +90,14 @@ _COLUMNS = "fembridge.results.columns:ColumnSource"
 _XML_STARTS = (b"<?xml", b"<VTKFile", b"<Xdmf", b"<!DOCTYPE")
 READERS = (
     Reader("ccx-frd", ".frd", b"    1C", "fembridge.results.frd:FrdSource"),
-    Reader("marc-t16", ".t16", _T16_STARTS, _MARC, points=True),
-    Reader("marc-t19", ".t19", b"=beg=", _MARC, points=True),
+    Reader("marc-t16", ".t16", _T16_STARTS, _MARC, has_points=True),
+    Reader("marc-t19", ".t19", b"=beg=", _MARC, has_points=True),
     Reader("mentat-plot", ".txt", b"", "fembridge.results.mentat:PlotSource"),
     *(Reader(name, suffix, b"", f"{_PRINTED}:PrintSource") for suffix, name in PRINTS.items()),
-    Reader("table", ".csv", b"", _COLUMNS, named=True),
-    Reader("npz", ".npz", b"PK\x03\x04", _COLUMNS, named=True),
+    Reader("table", ".csv", b"", _COLUMNS, needs_columns=True),
+    Reader("npz", ".npz", b"PK\x03\x04", _COLUMNS, needs_columns=True),
     *(
-        Reader(f"vtk-series {suffix}", suffix, _XML_STARTS, _COLUMNS, named=True)
+        Reader(f"vtk-series {suffix}", suffix, _XML_STARTS, _COLUMNS, needs_columns=True)
         for suffix in (".vtu", ".pvd", ".xdmf")
     ),
 )
@@ -95,14 +107,14 @@ def open_source(path: Path, options: ReadOptions) -> "Source":
     """Open a result file, to be read with `options`."""
     with ExitStack() as stack:
         file = stack.enter_context(ByteFile(path))
-        reader = reader_of(file)
-        if not reader.points and (options.extrapolate or options.von_mises):
+        reader = find_reader(file)
+        if not reader.has_points and (options.extrapolate or options.von_mises):
+            option = "extrapolate" if options.extrapolate else "von_mises"
             raise UsageError(
-                f"{path}: {reader.name}: how values are extrapolated to nodes is asked of a Marc "
-                "post file alone"
+                f"is for a Marc post file, not for {reader.name}", path, argument=option
             )
-        if options.columns and not reader.named:
-            raise UsageError(f"{path}: --columns is of a .csv, .npz, .vtu, .pvd or .xdmf")
+        if options.columns and not reader.needs_columns:
+            raise UsageError("is for a .csv, .npz, .vtu, .pvd or .xdmf", path, argument="columns")
         module, _, name = reader.target.partition(":")
         source: Source = getattr(import_module(module), name)(file, options)
         source.format = reader.name
@@ -117,15 +129,15 @@ def read_values(
     *,
     quantity: str = STRESS,
 ) -> tuple[FloatArray, FloatArray]:
-    """A quantity at `nodes`, in that order: times ``(T,)`` in ms, ``(T, node, component)``."""
+    """Times ``(T,)`` in ms and values ``(T, node, component)`` of a quantity at `nodes`."""
     with open_source(path, options or ReadOptions()) as source:
-        found = source.history(nodes, quantity)
-    if not found.over_time:
-        raise ResultError(f"{found.form}, expected rows over time", source.path)
-    return found.at, found.values
+        history = source.history(nodes, quantity)
+    if not history.over_time:
+        raise ResultError(f"{history.form}, expected rows over time", source.path)
+    return history.at, history.values
 
 
-def reader_of(file: ByteFile) -> Reader:
+def find_reader(file: ByteFile) -> Reader:
     """The reader for `file`, by suffix and first bytes."""
     start, suffix = file.peek(0, _FIRST_BYTES), suffix_of(file.path)
     if not start and suffix not in PRINTS:  # of a run that has begun they are empty
@@ -133,40 +145,42 @@ def reader_of(file: ByteFile) -> Reader:
     for reader in READERS:
         if suffix == reader.suffix and reader.takes(start):
             return reader
-    for reader in _plugged(file.path):
+    for reader in _plugin_readers(file.path):
         if suffix == reader.suffix and reader.takes(start):
             return reader
-    raise ResultError(_foreign(file.path, start), file.path)
+    raise ResultError(_foreign_problem(file.path, start), file.path)
 
 
-def _foreign(path: Path, start: bytes) -> str:
+def _foreign_problem(path: Path, start: bytes) -> str:
     kind = next((f", {kind}" for mark, kind in _KNOWN_STARTS if start.startswith(mark)), "")
     marked = [reader for reader in READERS if reader.first_bytes]
     for reader in () if kind else marked:
         if reader.takes(start):
             return (
-                f"begins like {reader.name} and is named {path.suffix or 'nothing'}: "
+                f"begins like {reader.name}, but has the suffix {path.suffix or 'none'}; "
                 f"rename it to {reader.suffix}"
             )
-    firsts = {one.suffix: one.first_bytes for one in marked if not one.named}
-    wanted = "; ".join(
+    first_bytes = {
+        reader.suffix: reader.first_bytes for reader in marked if not reader.needs_columns
+    }
+    expected = "; ".join(
         f"{suffix} begins with {(first if isinstance(first, bytes) else first[0])!r}"
-        for suffix, first in firsts.items()
+        for suffix, first in first_bytes.items()
     )
-    return f"no result file we read: begins with {start[:12]!r}{kind}; {wanted}"
+    return f"unknown result format: begins with {start[:12]!r}{kind}; expected: {expected}"
 
 
-def _plugged(path: Path) -> Iterator[Reader]:
-    """Readers of other packages; none is loaded as long as one of ours takes the file."""
+def _plugin_readers(path: Path) -> Iterator[Reader]:
+    """Readers of other packages, loaded only if no reader of `READERS` takes the file."""
     from importlib.metadata import entry_points
 
     for point in entry_points(group=ENTRY_POINTS):
-        where = f"reader {point.name} ({point.value})"
+        prefix = f"reader {point.name} ({point.value})"
         try:
             reader = point.load()
         except Exception as error:  # whatever another package does wrong
-            raise ResultError(f"{where} cannot be loaded: {error!r}", path) from error
+            raise ResultError(f"{prefix} cannot be loaded: {error!r}", path) from error
         if not isinstance(reader, Reader):
             kind = type(reader).__name__
-            raise ResultError(f"{where} is a {kind}, expected a fembridge.results.Reader", path)
+            raise ResultError(f"{prefix} is a {kind}, expected a fembridge.results.Reader", path)
         yield reader

@@ -1,11 +1,11 @@
-"""A result file: its reader, its run folder, and how to read it.
+"""A result file, its run folder, and the functions that read it.
 
-Beside a ``run.toml`` of fembridge time 0 of a trace is the start of the stimulus. The
-solver's clock starts before (a ramp to a pre-indentation takes place there), and a
-result file has no sample of the start itself.
+With a ``run.toml`` of fembridge in its folder, time 0 of a trace is the start of the stimulus.
+The solver's time starts earlier if the deck ramps to a pre-indentation. A result file has no
+sample at the start of the analysis.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from copy import copy
 from dataclasses import dataclass, replace
@@ -16,14 +16,20 @@ import numpy as np
 
 from decks.dialects import JOB
 from decks.unit_system import LENGTH_UNITS, MM, UnitSystem
-from fembridge.errors import FembridgeError, ResultError, UsageError
+from fembridge.errors import FembridgeError, ResultError, UsageError, warn
+from fembridge.host.store import read_toml, sha256_of
+from fembridge.io.run_folder import (
+    RUN_FILE,
+    SOLVER_FILE,
+    AfferentNode,
+    RunFolder,
+    read_run_folder,
+)
 from fembridge.results.fields import Field
 from fembridge.results.history import NO_KEYS, STRESS, VON_MISES, History
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import READERS, STATUS, open_source
 from fembridge.results.source import Source
-from fembridge.run_folder import RUN_FILE, SOLVER_FILE, RunFolder, read_run_folder
-from fembridge.store import read_toml, sha256_of
 from fembridge.trace import STEP_TOLERANCE, Traces
 from fembridge.typing import FloatArray, Table
 
@@ -33,134 +39,200 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:
-    """A result file, the open `source`.
+    """An open result file, its `source`, and the `run` that wrote it.
 
-    `run` is the run that it is a result of: None without a ``run.toml`` beside it, or with one
-    that cannot be read, which is the `trouble` that only histories mind.
+    `run` is None without a ``run.toml`` in the folder, or if it cannot be read: `run_error` is
+    then the error, which histories raise.
     """
 
     source: Source
     run: RunFolder | None = None
-    trouble: ResultError | None = None
+    run_error: ResultError | None = None
 
-    def reading(self, **changed: Any) -> "Result":  # noqa: ANN401 - fields of `ReadOptions`
-        """The same open file, read with other options."""
+    def with_options(self, **changed: Any) -> "Result":  # noqa: ANN401 - fields of `ReadOptions`
+        """The same open file with other options."""
         source = copy(self.source)
         source.options = replace(self.source.options, **changed)
         return replace(self, source=source)
 
     def named_nodes(self) -> Sequence[int]:
-        """Nodes that a file of curves names itself; none of other files."""
-        if self.trouble is not None:
-            raise self.trouble
-        return self.reading(log=None).source.named_nodes()
+        """Nodes that a file of curves names; empty for other files."""
+        if self.run_error is not None:
+            raise self.run_error
+        return self.with_options(quiet=True).source.named_nodes()
 
-    def traces(self, nodes: Sequence[int] | None = None, **choice: Any) -> Traces:  # noqa: ANN401
-        """Stress traces at the chosen nodes, with the words of `history`."""
-        found = self.history(nodes, quantity=VON_MISES, from_start=True, **choice)
-        return Traces(found.traces(), None if self.run is None else self.run.origin())
+    def traces(self, nodes: Sequence[int] | None = None, **selection: Any) -> Traces:  # noqa: ANN401
+        """Stress traces at the selected nodes; arguments as for `history`."""
+        history = self.history(nodes, quantity=VON_MISES, from_start=True, **selection)
+        traces = history.traces()
+        if self.run is None:
+            return Traces(traces)
+        chosen = nodes is not None or selection.get("sets") or len(selection.get("near_mm", ()))
+        if not chosen and not selection.get("all_nodes"):
+            units = [site.unit for site in self.run.afferents]
+            traces = [replace(trace, unit=unit) for trace, unit in zip(traces, units, strict=True)]
+        return Traces(traces, self.run.origin())
 
     def history(
         self,
         nodes: Sequence[int] | None = None,
         *,
         quantity: str | None = None,
-        every: bool = False,
+        all_nodes: bool = False,
         modes: bool = False,
         resample_ms: float | None = None,
         sets: Sequence[str] = (),
         near_mm: Sequence[Sequence[float]] = (),
         deck: Path | None = None,
         from_start: bool = False,
+        on_grid: bool = True,
     ) -> History:
-        """`quantity` at the chosen nodes, at `every` one, or at the run's afferents, as it is.
+        """`quantity` at the selected nodes, at all nodes, or at the run's afferents.
 
-        Beside a ``run.toml`` time 0 is the start of the stimulus; `from_start` takes the rows
-        from there on, on the even grid that a trace needs.
+        With a ``run.toml``, time 0 is the start of the stimulus; `from_start` takes the rows
+        from there on, with `on_grid` on the even time grid of a trace.
         """
-        if self.trouble is not None:
-            raise self.trouble
-        run, places = self.run, None if every else self._places(nodes, sets, near_mm, deck)
+        if self.run_error is not None:
+            raise self.run_error
+        run, sites = self.run, None if all_nodes else self._select_nodes(nodes, sets, near_mm, deck)
         if run is not None:
-            self._refuse_another_deck(run)
-        wanted = None if places is None else [node for _, node in places]
-        held = self.source.history(wanted, quantity, modes)
-        if places is not None:
-            named = held.afferents or (None,) * len(places)
-            classes = ((one, other) for (one, _), other in zip(places, named, strict=True))
-            held = replace(held, afferents=tuple(one or other for one, other in classes))
+            self._refuse_changed_deck(run)
+        numbers = None if sites is None else [node for _, node in sites]
+        history = self.source.history(numbers, quantity, modes)
+        if run is None and history.quantity == STRESS and not self.source.options.quiet:
+            self._warn_of_shells(history)
+        if sites is not None:
+            file_classes = history.afferents or (None,) * len(sites)
+            classes = (
+                (run_class, file_class)
+                for (run_class, _), file_class in zip(sites, file_classes, strict=True)
+            )
+            history = replace(
+                history,
+                afferents=tuple(run_class or file_class for run_class, file_class in classes),
+            )
         if run is not None and from_start:
-            held = self._from_start(held, run, resample_ms is None)
-        elif run is not None and held.over_time:
-            held = replace(held, at=held.at - run.start_ms)
-        word = VON_MISES if held.quantity == STRESS else held.quantity
-        word = word if quantity is None else quantity.lower()
-        return held.taken(word, resample_ms, self.source.options.log)
+            history = self._from_start(history, run, on_grid and resample_ms is None)
+        elif run is not None and history.over_time:
+            history = replace(history, at=history.at - run.start_ms)
+        output_quantity = VON_MISES if history.quantity == STRESS else history.quantity
+        output_quantity = output_quantity if quantity is None else quantity.lower()
+        return history.selected(output_quantity, resample_ms, self.source.options.quiet)
 
-    def _from_start(self, held: History, run: RunFolder, even: bool) -> History:
-        """The rows from the start of the stimulus on, which is time 0; on an `even` grid.
+    def _from_start(self, history: History, run: RunFolder, on_grid: bool) -> History:
+        """Rows from the start of the stimulus (time 0) on, with `on_grid` at an even time step.
 
-        With a ramp the sample there is an increment of the file. Without one the model is
-        stress-free at time 0 by definition, and that sample, exactly 0, is put in front.
+        After a ramp the sample at time 0 is an increment of the file. Without a ramp, and where
+        the solver writes nothing at time 0, a sample is prepended: 0 of a model that is at rest
+        then, else the initial stress of the deck.
         """
         path, options = self.source.path, self.source.options
-        if not held.over_time:
-            raise ResultError(f"{held.form}: no history over time, no trace to take", path)
-        last_ms, slack_ms = float(held.at.max()), STEP_TOLERANCE * run.dt_ms
+        if not history.over_time:
+            raise ResultError(f"a trace needs outputs over time; found {history.form}", path)
+        last_ms, slack_ms = float(history.at.max()), STEP_TOLERANCE * run.dt_ms
         if abs(last_ms - run.end_ms) > 10 * slack_ms:
-            words = f"results end at {last_ms:g} ms, the deck runs to {run.end_ms:g} ms"
-            options.refuse(words, path)
-        kept = held.at >= run.start_ms - slack_ms
-        at, values = held.at[kept], held.values[kept]  # noqa: PD008, PD011 - no frame
+            message = f"results end at {last_ms:g} ms, expected the deck's end, {run.end_ms:g} ms"
+            options.refuse(message, path)
+        is_after_start = history.at >= run.start_ms - slack_ms
+        at, values = history.at[is_after_start], history.values[is_after_start]  # noqa: PD008, PD011 - no frame
         if run.start_ms == 0.0 and at.size and at[0] > slack_ms:
+            start = np.zeros_like(values[0]) if run.at_rest else self._start_stress(history, run)
             at = np.concatenate([[0.0], at])
-            values = np.concatenate([np.zeros_like(values[:1]), values])
-        since = replace(held, at=at, values=values, keys=NO_KEYS)
-        if not even:
-            return replace(since, at=at - run.start_ms)
+            values = np.concatenate([start[None], values])
+        trimmed = replace(history, at=at, values=values, keys=NO_KEYS)
+        if not on_grid:
+            return replace(trimmed, at=at - run.start_ms)
         if at.size < 2 or abs(at.min() - run.start_ms) > slack_ms:
             raise ResultError(
-                f"the stimulus begins at {run.start_ms:g} ms of solver time, the file holds "
-                f"{held.form}",
+                f"no output at the start of the stimulus, {run.start_ms:g} ms of solver time; "
+                f"found {history.form}",
                 path,
             )
-        since = since.unrounded()
-        found_ms = since.dt_ms or since.traces()[0].dt_ms  # which says what is uneven
-        # A file's times may be rounded: to six digits, or to single precision.
-        off = abs(found_ms / run.dt_ms - 1.0) * at.size
-        step_ms = run.dt_ms if off <= STEP_TOLERANCE else found_ms
+        trimmed = trimmed.with_even_times()
+        mean_step_ms = (
+            trimmed.dt_ms or trimmed.traces()[0].dt_ms
+        )  # traces() raises if times are uneven
+        # Times in a file are rounded, to six digits or to single precision.
+        drift = abs(mean_step_ms / run.dt_ms - 1.0) * at.size
+        step_ms = run.dt_ms if drift <= STEP_TOLERANCE else mean_step_ms
         at_ms: FloatArray = np.arange(at.size, dtype=np.float64) * step_ms
-        return replace(since, at=at_ms, step_ms=step_ms)
+        return replace(trimmed, at=at_ms, step_ms=step_ms)
+
+    def _warn_of_shells(self, history: History) -> None:
+        """Warn that the stress of a shell is that of its middle."""
+        node = self.source.shell_node(history.nodes)
+        if node is not None:
+            warn(
+                f"node {node} is of a shell: its stress is that of the middle layer; with "
+                "OUTPUT=3D on *NODE FILE and *EL FILE CalculiX writes bottom and top; fembridge "
+                "build-deck --shell-face chooses one",
+                self.source.path,
+            )
+
+    def _start_stress(self, history: History, run: RunFolder) -> FloatArray:
+        """Stress at the nodes of `history` at time 0, ``(node, 6)``, as the deck states it."""
+        stated = {
+            node: site.start_stress_pa
+            for site, (_, node) in zip(run.afferents, self._afferent_nodes(run), strict=True)
+        }
+        unknown = [node for node in history.nodes if not stated.get(node)]
+        if unknown or history.quantity != STRESS:
+            raise ResultError(
+                f"the model holds initial stress at time 0, and it is not known at node "
+                f"{(unknown or history.nodes)[0]}; build the deck with --afferent SA=N",
+                self.source.path,
+            )
+        return np.array([stated[node] for node in history.nodes])
+
+    def _afferent_nodes(self, run: RunFolder) -> list[tuple[str | None, int]]:
+        """Class and node of each afferent of a run, in the numbers of the result file."""
+        on_faces = [site for site in run.afferents if site.element]
+        nodes = {} if not on_faces else self._shell_nodes(on_faces)
+        return [(site.afferent, nodes.get(site.key, site.node)) for site in run.afferents]
+
+    def _shell_nodes(self, sites: Sequence[AfferentNode]) -> dict[str, int]:
+        """Nodes of afferents on the bottom or top of shells, by class and unit."""
+        index = self.source.element_corners([site.element for site in sites])
+        nodes = {}
+        for site in sites:
+            corners = index.get(site.element, ())
+            if site.corner >= len(corners):
+                problem = f"no expanded shell {site.element} for afferent {site.key}"
+                raise ResultError(f"{problem}; the deck needs OUTPUT=3D", self.source.path)
+            nodes[site.key] = int(corners[site.corner])
+        return nodes
 
     def largest_node(self) -> tuple[int, Mapping[str, bool], History]:
-        """The node where what is taken by default is largest at the end; options; its history.
+        """Node where the default quantity is largest in the last output; options; its history.
 
-        The options are those that its reading takes: of a whole file before a partial one, inside
-        one material where there is such a node.
+        The options are the strictest that can read it: without `partial` before with it, inside
+        one material before across materials.
         """
         problems = []
         for partial in dict.fromkeys((self.source.options.partial, True)):
-            for across in (False, True):
-                options = {"partial": partial, "across_materials": across}
-                asked = self.reading(**options, log=None)
+            for across_materials in (False, True):
+                options = {"partial": partial, "across_materials": across_materials}
+                variant = self.with_options(**options, quiet=True)
                 try:
-                    last = asked.source.history(None, last=True)
-                    last = last.derived(VON_MISES if last.quantity == STRESS else last.quantity)
-                    sizes = [abs(value) for _, value in last.peaks()]
-                    node = last.nodes[sizes.index(max(sizes))]
-                    return node, options, asked.history([node])
+                    last_rows = variant.source.history(None, last_only=True)
+                    last_rows = last_rows.derived(
+                        VON_MISES if last_rows.quantity == STRESS else last_rows.quantity
+                    )
+                    magnitudes = [abs(value) for _, value in last_rows.peaks()]
+                    node = last_rows.nodes[magnitudes.index(max(magnitudes))]
+                    return node, options, variant.history([node])
                 except FembridgeError as error:
-                    problems += [error] * across
+                    problems += [error] * across_materials
         raise problems[0]
 
-    def _places(
+    def _select_nodes(
         self,
         nodes: Sequence[int] | None,
         sets: Sequence[str],
         near_mm: Sequence[Sequence[float]],
         deck: Path | None,
     ) -> list[tuple[str | None, int]]:
-        """Class and node of each chosen node."""
+        """Class and number of each selected node."""
         if nodes is not None or sets or len(near_mm):
             from fembridge.results.nodes import choose_nodes
 
@@ -174,26 +246,33 @@ class Result:
                     "deck with --afferent SA=N",
                     self.source.path,
                 )
-            return [(place.afferent, place.node) for place in self.run.afferents]
+            return self._afferent_nodes(self.run)
         elif not (nodes := self.named_nodes()):
-            raise ResultError("no run.toml beside it: name the nodes to read", self.source.path)
+            raise ResultError(
+                "no run.toml in this folder: choose nodes with --node N (nodes=[N])",
+                self.source.path,
+            )
         if not nodes:
-            raise ResultError("no nodes to read", self.source.path)
+            raise ResultError("no nodes selected", self.source.path)
         return [(None, node) for node in nodes]
 
-    def _refuse_another_deck(self, run: RunFolder) -> None:
-        """Refuse results of another deck than the one beside them.
+    def _refuse_changed_deck(self, run: RunFolder) -> None:
+        """Refuse results of another deck than the one in the run folder.
 
-        `fembridge run` keeps the solved deck's SHA-256 in ``solver.toml``; results that
-        someone's own ccx left have none, and are taken as they are.
+        `fembridge run` writes the SHA-256 of the solved deck to ``solver.toml``; results
+        without that file, of a solver run by hand, are accepted.
         """
-        solved = now = ""
+        solved_sha256 = deck_sha256 = ""
         with suppress(FembridgeError, OSError, KeyError):  # also: no TOML
-            solved = read_toml(run.folder / SOLVER_FILE, FembridgeError)["deck_sha256"]
-            now = sha256_of(run.deck)
-        if now and solved != now and self.source.path.resolve() == run.results.resolve():
+            solved_sha256 = read_toml(run.folder / SOLVER_FILE, FembridgeError)["deck_sha256"]
+            deck_sha256 = sha256_of(run.deck)
+        if (
+            deck_sha256
+            and solved_sha256 != deck_sha256
+            and self.source.path.resolve() == run.results.resolve()
+        ):
             raise ResultError(
-                f"results of another deck than the {run.deck.name} beside them; solve it: "
+                f"results of another deck than {run.deck.name} in this folder; solve it: "
                 f"fembridge run {run.folder}",
                 self.source.path,
             )
@@ -210,41 +289,59 @@ def open_result(
     extrapolate: str | None = None,
     von_mises: str | None = None,
     columns: Mapping[str, str] | None = None,
-    log: Callable[[str], None] | None = None,
+    of_run: RunFolder | None = None,
 ) -> Iterator[Result]:
-    """The result file `path`, or that of the run folder `path`; options as for `read`.
+    """Open the result file `path`, or that of the run folder `path`; options as for `read`.
 
-    A folder without a ``run.toml`` has the result of the first format that is there.
+    `of_run` is the run of a result file in another folder.
+    In a folder without ``run.toml`` the first format of `READERS` that exists is opened.
     """
     run: RunFolder | None = None
-    trouble = None
+    run_error = None
     if isinstance(path, RunFolder):
         run, path = path, path.results
+    elif of_run is not None:
+        run, path = of_run, Path(path)
     elif ((path := Path(path)) / RUN_FILE).exists():
         run = read_run_folder(path)
         path = run.results
     else:
         if path.is_dir():
-            suffixes = [one.suffix for one in READERS if one.suffix not in STATUS]
-            places = [path / f"{JOB}{suffix}" for suffix in suffixes]
-            path = next((place for place in places if place.exists()), places[0])
+            suffixes = [reader.suffix for reader in READERS if reader.suffix not in STATUS]
+            candidates = [path / f"{JOB}{suffix}" for suffix in suffixes]
+            folder, path = path, next(filter(Path.exists, candidates), candidates[0])
+            if not path.exists():
+                names = ", ".join(dict.fromkeys(candidate.name for candidate in candidates))
+                raise ResultError(
+                    f"no result file in this folder, expected {names}; fb.Simulation.read reads "
+                    "the folder of a simulation",
+                    folder,
+                    expected=names,
+                )
         try:
             if (path.parent / RUN_FILE).exists():
                 run = read_run_folder(path.parent)
         except ResultError as error:
-            trouble = error
+            run_error = error
     if columns and stress_unit is None:
         from fembridge.results.columns import check_units
 
         check_units(columns)
     units: UnitSystem | RunFolder = LENGTH_UNITS.get(length_unit or "", MM)
-    of_run: dict[str, Any] = {}
-    if run is not None:  # its units were settled when its deck was built, heading and all
-        for asked, held in ((stress_unit, run.stress_unit), (length_unit, run.length_unit)):
-            if asked not in (None, held):
-                raise UsageError(f"{path}: a run folder of fembridge is in {held}, always")
-        units, of_run = run, {"branches": run.branches, "on_axis": run.on_axis}
-        of_run["classes"] = {one.node: one.afferent for one in run.afferents}
+    run_options: dict[str, Any] = {}
+    if run is not None:  # the units of its deck apply, not its heading
+        for argument, requested, stored in (
+            ("stress_unit", stress_unit, run.stress_unit),
+            ("length_unit", length_unit, run.length_unit),
+        ):
+            if requested not in (None, stored):
+                raise UsageError(
+                    f"is {requested}, expected {stored}, the unit of this run folder",
+                    path,
+                    argument=argument,
+                )
+        units, run_options = run, {"branches": run.branches, "on_axis": run.on_axis}
+        run_options["classes"] = {site.node: site.afferent for site in run.afferents}
     options = ReadOptions(
         partial=partial,
         across_materials=across_materials,
@@ -253,22 +350,21 @@ def open_result(
         extrapolate=extrapolate,
         von_mises=von_mises,
         columns=dict(columns or {}),
-        log=log,
-        **of_run,
+        **run_options,
     )
     with open_source(path, options) as source:
         if run is None and length_unit is None and (stated := source.unit_system()) is not None:
-            options.note(f"the heading names the unit system {stated}")
+            options.note(f"unit system {stated} from the heading")
             source.options = replace(
                 options,
                 length_unit=stated.length_unit,
                 stress_unit=stress_unit or stated.stress_unit,
             )
-        yield Result(source, run, trouble)
+        yield Result(source, run, run_error)
 
 
 def describe(path: Path | str) -> Table:
-    """What a result file holds."""
+    """Content of a result file: header, mesh, quantities, defects, as of ``ingest --list``."""
     with open_result(path) as result:
         return result.source.describe()
 
@@ -288,60 +384,66 @@ def read(
     extrapolate: str | None = None,
     von_mises: str | None = None,
     columns: Mapping[str, str] | None = None,
-    log: Callable[[str], None] | None = None,
 ) -> Traces:
-    """Read stress traces, in Pa over ms, from a result file.
+    """Stress traces, in Pa over ms, from a result file.
 
-    With a ``run.toml`` of fembridge beside the file, time 0 is the start of the
-    stimulus, and the traces begin with the rest sample. A trace has one time step;
-    `read_history` gives any rows as they are, and other quantities.
+    With a ``run.toml`` of fembridge in the folder, time 0 is the start of the stimulus, and the
+    first sample of a trace is the state at rest. A trace has an even time step; `read_history`
+    returns outputs at any times, and other quantities.
 
     Parameters
     ----------
     path
-        A result file, or a run folder: its path, or what `fembridge.build_deck` gave.
+        Result file, or run folder: its path, or a `RunFolder` of `fembridge.build_deck`.
     nodes
-        Numbers of nodes. None takes the afferents that ``run.toml`` names, unless
-        `node_set` or `near_mm` choose.
+        Node numbers. Default: None, the afferents' nodes in ``run.toml`` unless `node_set` or
+        `near_mm` select nodes; all nodes of a CSV or NPZ.
     node_set
-        Name of a set in the file or its deck, case-blind: all its nodes.
+        Name of a node set in the file or its deck; case does not matter. Default: None.
     near_mm
-        Places, x, y or x, y, z of the undeformed mesh: the nearest node that has
-        a stress. `log` gets which it is and how far away.
+        Positions (x, y) or (x, y, z) in mm of the undeformed mesh: the nearest node that has
+        stress; node and distance are logged. Default: ().
     deck
-        Where `node_set` is. None takes the file itself where it has sets, else the
-        deck with the stem of `path`.
+        Deck that defines `node_set`. Default: None, the file itself if its format has sets,
+        else the deck of the same name in its folder.
     partial
-        Take what is whole of a run that did not end well; `log` gets what was left
-        out.
+        Read the complete part of a run that did not end normally; omissions are logged.
+        Default: False, such a file raises.
     across_materials
-        Allow nodes on a layer boundary.
+        Allow nodes on a layer boundary, where stress is a mean over both layers. Default: False.
     stress_unit
-        Unit of the file: "MPa" (N and mm), "kPa", "Pa" or "psi". None is the one in
-        ``run.toml``, else that of the unit system that the file's heading names, else of
-        `length_unit`, else MPa.
+        Unit of stress in the file: "MPa", "kPa", "Pa" or "psi". Default: None, the unit in
+        ``run.toml``, else of the unit system in the file's heading, else of `length_unit`,
+        else MPa (N and mm).
     length_unit
-        That of its coordinates, "mm", "m" or "in". None is the heading's, else mm.
+        Unit of coordinates and displacements in the file: "mm", "m" or "in". Default: None, of
+        the heading, else mm.
     resample_ms
-        Make an even step of this many ms by PCHIP of the stress tensor, from the first
-        sample on: of a file with uneven increments.
+        Time step in ms of the traces, made by PCHIP of the stress tensor from the first output
+        on, for a file with uneven increments. Default: None, the outputs as they are.
     extrapolate
-        Of a Marc file: how stress is carried from integration points to nodes,
-        "linear" (None too), "translate" or "average".
+        Of a Marc file: extrapolation of stress from integration points to nodes, "linear",
+        "translate" or "average". Default: None, "linear".
     von_mises
-        Of a Marc file: "tensor" (None too) is the von Mises stress of the nodal
-        tensor, "scalar" that of the points, carried to the node as a number.
+        Of a Marc file: "tensor" is the von Mises stress of the nodal tensor, "scalar" the
+        extrapolated von Mises stress of the integration points. Default: None, "tensor".
     columns
-        Of a CSV, NPZ, VTU, PVD or XDMF: what it holds under which name, such as
-        ``{"time": "t", "value": "S_Mises"}``, see `fembridge.results.columns`. `nodes`
-        None takes all of a CSV or NPZ.
-    log
-        Called with each remark.
+        Of a CSV, NPZ, VTU, PVD or XDMF: column or array names by quantity, such as
+        ``{"time": "t", "value": "S_Mises"}``, see `fembridge.results.columns`. Default: None,
+        other formats.
+
+    Returns
+    -------
+    Traces
+        Von Mises stress at each node. `origin` is the stimulus and the parameters of the run;
+        None without ``run.toml``.
 
     Raises
     ------
     ResultError
-        The file is absent, cut, foreign, or does not hold what was asked for.
+        The file is missing, cut, damaged or of an unknown format, or lacks the data.
+    UsageError
+        An argument is wrong, or the format does not have it.
 
     Examples
     --------
@@ -358,7 +460,6 @@ def read(
         extrapolate=extrapolate,
         von_mises=von_mises,
         columns=columns,
-        log=log,
     ) as result:
         return result.traces(
             nodes,
@@ -379,34 +480,81 @@ def read_history(
     deck: Path | str | None = None,
     modes: bool = False,
     resample_ms: float | None = None,
-    **options: Any,  # noqa: ANN401 - those of `read`
+    partial: bool = False,
+    across_materials: bool = False,
+    stress_unit: str | None = None,
+    length_unit: str | None = None,
+    extrapolate: str | None = None,
+    von_mises: str | None = None,
+    columns: Mapping[str, str] | None = None,
 ) -> "pandas.DataFrame":
-    """A quantity at nodes as the file has it, whatever its rows are: a long table.
+    """A quantity at nodes at all outputs of a file: a long table.
 
-    One increment, uneven ones, several steps, modes: a row an output and node, units in the
-    names of the columns (``time_ms``, ``sxx_pa``, ``d1_mm``; ``frequency_hz`` of modes).
+    A row for each output and node, whatever the outputs are: one increment, uneven increments,
+    several steps, modes. Column names have units (``time_ms``, ``sxx_pa``, ``d1_mm``;
+    ``frequency_hz`` of modes).
 
     Parameters
     ----------
-    path, node_set, near_mm, deck, resample_ms
-        As for `read`.
+    path
+        Result file, or run folder: its path, or a `RunFolder` of `fembridge.build_deck`.
     nodes
-        Numbers of nodes, or "all".
+        Node numbers, or "all". Default: None, the afferents' nodes in ``run.toml`` unless
+        `node_set` or `near_mm` select nodes; all nodes of a CSV or NPZ.
     quantity
         "von-mises", "stress" (the tensor), "principal", "max-shear", "mean-stress",
-        "displacement", "reaction-force", "strain", "temperature", or the file's name of any
-        other. None takes von Mises stress, without stress in the file the displacement, else
-        what comes first.
+        "displacement", "reaction-force", "strain", "temperature", or the name of another
+        quantity in the file. Default: None, von Mises stress; of a file without stress
+        displacement, else the first quantity.
+    node_set
+        Name of a node set in the file or its deck; case does not matter. Default: None.
+    near_mm
+        Positions (x, y) or (x, y, z) in mm of the undeformed mesh: the nearest node that has
+        stress; node and distance are logged. Default: ().
+    deck
+        Deck that defines `node_set`. Default: None, the file itself if its format has sets,
+        else the deck of the same name in its folder.
     modes
-        The modes of frequency and buckling steps, of a file that has times, too.
-    **options
-        `partial`, `across_materials`, `stress_unit`, `length_unit`, `extrapolate`,
-        `von_mises`, `columns` and `log` of `read`.
+        Read the modes of frequency and buckling steps even if the file has outputs over time.
+        Default: False.
+    resample_ms
+        Time step in ms of the table, made by PCHIP from the first output on. Default: None, the
+        outputs as they are.
+    partial
+        Read the complete part of a run that did not end normally; omissions are logged.
+        Default: False, such a file raises.
+    across_materials
+        Allow nodes on a layer boundary, where stress is a mean over both layers. Default: False.
+    stress_unit
+        Unit of stress in the file: "MPa", "kPa", "Pa" or "psi". Default: None, the unit in
+        ``run.toml``, else of the unit system in the file's heading, else of `length_unit`,
+        else MPa (N and mm).
+    length_unit
+        Unit of coordinates and displacements in the file: "mm", "m" or "in". Default: None, of
+        the heading, else mm.
+    extrapolate
+        Of a Marc file: extrapolation of stress from integration points to nodes, "linear",
+        "translate" or "average". Default: None, "linear".
+    von_mises
+        Of a Marc file: "tensor" is the von Mises stress of the nodal tensor, "scalar" the
+        extrapolated von Mises stress of the integration points. Default: None, "tensor".
+    columns
+        Of a CSV, NPZ, VTU, PVD or XDMF: column or array names by quantity, such as
+        ``{"time": "t", "value": "S_Mises"}``, see `fembridge.results.columns`. Default: None,
+        other formats.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Time in ms (or the frequency or factor of a mode), afferent, node, step, increment, and
+        a column for each component.
 
     Raises
     ------
     ResultError
-        The file is absent, cut, foreign, or does not hold what was asked for.
+        The file is missing, cut, damaged or of an unknown format, or lacks the data.
+    UsageError
+        An argument is wrong, or the format does not have it.
 
     Examples
     --------
@@ -415,47 +563,80 @@ def read_history(
     ['time_ms', 'afferent', 'node', 'step']
     """
     if isinstance(nodes, str) and nodes != "all":
-        raise UsageError(f"nodes {nodes!r}, expected numbers or 'all'")
-    with open_result(path, **options) as result:
-        found = result.history(
+        raise UsageError(argument="nodes", found=nodes, expected="numbers or 'all'")
+    with open_result(
+        path,
+        partial=partial,
+        across_materials=across_materials,
+        stress_unit=stress_unit,
+        length_unit=length_unit,
+        extrapolate=extrapolate,
+        von_mises=von_mises,
+        columns=columns,
+    ) as result:
+        history = result.history(
             None if isinstance(nodes, str) else nodes,
             quantity=quantity,
-            every=isinstance(nodes, str),
+            all_nodes=isinstance(nodes, str),
             modes=modes,
             resample_ms=resample_ms,
             sets=() if node_set is None else (node_set,),
             near_mm=near_mm,
             deck=None if deck is None else Path(deck),
         )
-        return found.to_frame()
+        return history.to_frame()
 
 
 def read_fields(
-    path: Path | str,
+    path: Path | str | RunFolder,
     quantity: str = "STRESS",
-    **options: Any,  # noqa: ANN401 - those of `read`
+    *,
+    partial: bool = False,
+    across_materials: bool = False,
+    stress_unit: str | None = None,
+    length_unit: str | None = None,
+    extrapolate: str | None = None,
 ) -> Iterator[Field]:
-    """One quantity, an increment at a time, in file order.
+    """One quantity at all nodes, one increment at a time, in file order.
 
-    Stress comes in Pa; CalculiX's nodal stress is, at the boundary of two materials, a
-    mean over both: `fembridge ingest --one-sided` gives each side's.
+    Stress is in Pa. At the boundary of two materials the nodal stress of CalculiX is a mean
+    over both; ``fembridge ingest --one-sided`` reads each material's.
 
     Parameters
     ----------
     path
-        A ``.frd``, ``.t16`` or ``.t19`` file, or a run folder.
+        A ``.frd``, ``.t16`` or ``.t19`` file, or run folder: its path, or a `RunFolder` of
+        `fembridge.build_deck`.
     quantity
-        Its name in the file, case-blind, or a beginning that is one quantity's alone: "STRESS",
-        "DISP", "TOSTRAIN", "FORC", ...; of a Marc file "Displacement", "Stress", ...
-    **options
-        `partial`, `stress_unit`, `length_unit` and `log` of `read`; of a Marc file also
-        `across_materials` and `extrapolate`.
+        Name in the file, or its unique beginning; case does not matter: "STRESS", "DISP",
+        "TOSTRAIN", "FORC"; of a Marc file "Displacement", "Stress". Default: "STRESS".
+    partial
+        Read the complete part of a run that did not end normally; omissions are logged.
+        Default: False, such a file raises.
+    across_materials
+        Of a Marc file: include nodes on a layer boundary, where stress is a mean over both
+        layers. Default: False.
+    stress_unit
+        Unit of stress in the file: "MPa", "kPa", "Pa" or "psi". Default: None, the unit in
+        ``run.toml``, else of the unit system in the file's heading, else of `length_unit`,
+        else MPa (N and mm).
+    length_unit
+        Unit of coordinates and displacements in the file: "mm", "m" or "in". Default: None, of
+        the heading, else mm.
+    extrapolate
+        Of a Marc file: extrapolation of stress from integration points to nodes, "linear",
+        "translate" or "average". Default: None, "linear".
+
+    Yields
+    ------
+    Field
+        Values at all nodes with their units, in one increment or mode.
 
     Raises
     ------
     ResultError
-        At once: the file is absent, foreign, cut, or has no such quantity. While
-        it is read: a record or a number is none, or is not finite.
+        Immediately: the file is missing, cut or of an unknown format, or lacks the quantity.
+        While reading: a damaged record, or a value that is not finite.
 
     Examples
     --------
@@ -465,7 +646,16 @@ def read_fields(
     (0.5, ('D1', 'D2', 'D3'), ('mm', 'mm', 'mm'))
     """
     with ExitStack() as stack:
-        result = stack.enter_context(open_result(path, **options))
+        result = stack.enter_context(
+            open_result(
+                path,
+                partial=partial,
+                across_materials=across_materials,
+                stress_unit=stress_unit,
+                length_unit=length_unit,
+                extrapolate=extrapolate,
+            )
+        )
         return _closing(result.source.fields(quantity), stack.pop_all())
 
 

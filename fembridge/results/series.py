@@ -1,8 +1,8 @@
-"""A series of outputs on one mesh, as VTK's and XDMF's files have it.
+"""A series of outputs on one mesh, from VTK or XDMF files.
 
-A series lists the shapes of its arrays before it reads one, so that their size in memory
-is known first. Files that a series names must lie in its folder: a path that leads
-elsewhere, by a symbolic link too, is refused before it is opened.
+A series lists the shapes of its arrays before it reads one, so that their size in memory is known
+first. Files that a series names must be in its folder: another path, also through a symbolic
+link, is refused before it is opened.
 """
 
 import warnings
@@ -20,7 +20,7 @@ _SHORTEST_NUMBER = 2  # a digit and a blank
 
 
 class Frame:
-    """The arrays at the points of one output, open until it is left.
+    """The arrays at the points of one output; a context manager that closes it.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Frame:
         return None
 
     def read(self, name: str) -> FloatArray:
-        """The array `name`, of its shape, in the units of the file."""
+        """The array `name` in the units of the file."""
         raise NotImplementedError
 
 
@@ -59,7 +59,7 @@ class Series(AbstractContextManager["Series"]):
         return None
 
     def count(self) -> int:
-        """Count of points of the first output."""
+        """Number of points of the first output."""
         raise NotImplementedError
 
     def points(self) -> FloatArray:
@@ -67,49 +67,50 @@ class Series(AbstractContextManager["Series"]):
         raise NotImplementedError
 
     def frame(self, output: int) -> Frame:
-        """The output of this number, from 0."""
+        """The output of number `output`, from 0."""
         raise NotImplementedError
 
     def key(self, output: int, names: Sequence[str]) -> Hashable:
-        """Where arrays of an output are stored: two outputs of one key have the same numbers."""
+        """Storage of arrays of an output: outputs with equal keys have the same numbers."""
         raise NotImplementedError
 
     def doubts(self, names: Sequence[str]) -> list[str]:
-        """What makes the arrays `names` doubtful."""
+        """Warnings about the arrays `names`."""
         return []
 
     def packed_bytes(self) -> int:
-        """Size of its files on the disk."""
+        """Size of the files on disk, in bytes."""
         raise NotImplementedError
 
 
 def inside(folder: Path, name: str, path: Path) -> Path:
-    """The file `name` in `folder`, which `path` names.
+    """The file `name` in `folder`, which the file `path` names.
 
     Raises
     ------
     ResultError
-        The path leads out of the folder, or to no file.
+        `name` is outside the folder, or is not a file.
     """
     file = folder / name
     try:
         is_inside = file.resolve().is_relative_to(folder.resolve())
     except (OSError, ValueError, RuntimeError) as error:  # a loop of links, a NUL
-        raise ResultError(f"{name[:60]!r} is no name of a file: {error}", path) from error
+        raise ResultError(f"{name[:60]!r}, expected a file name: {error}", path) from error
     if not is_inside:
-        raise ResultError(f"{file.name} is not in its folder", path)
+        raise ResultError(f"{file.name} is outside the folder of this file", path)
     if not name or not file.is_file():
-        raise ResultError(f"no file {name[:60]!r} in its folder", path)
+        raise ResultError(f"no file {name[:60]!r} in the folder of this file", path)
     return file
 
 
 def numbers_in(text: str, count: int, dtype: np.dtype[np.generic], problem: str) -> FloatArray:
-    """The `count` numbers that `text` states, ``(count,)`` as float64.
+    """The `count` numbers in `text`, ``(count,)`` as float64.
 
     Raises
     ------
     ValueError
-        Another count, or anything that is no number in ASCII digits; `problem` is its subject.
+        Another count, or text that is not a number in ASCII digits; the message begins with
+        `problem`.
     """
     if len(text) + 1 < _SHORTEST_NUMBER * count:
         raise ValueError(f"{problem} has fewer than {count} numbers")
@@ -117,16 +118,16 @@ def numbers_in(text: str, count: int, dtype: np.dtype[np.generic], problem: str)
         numbers: FloatArray = np.empty(0)
     else:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # NumPy warns where it stops before the end
+            warnings.simplefilter("error")  # NumPy warns if it stops before the end
             try:
                 numbers = np.fromstring(text, dtype=dtype, sep=" ").astype(np.float64)
             except (DeprecationWarning, UnicodeError, OverflowError, ValueError) as error:
-                raise ValueError(f"{problem} holds a text that is no number") from error
+                raise ValueError(f"{problem} contains text that is not a number") from error
     if numbers.size != count:
         raise ValueError(f"{problem} has {numbers.size} numbers, expected {count}")
     return numbers
 
 
 def disk_bytes(files: Iterable[Path]) -> int:
-    """Size of `files` on the disk, each counted once."""
+    """Size of `files` on disk in bytes, without duplicates."""
     return sum(file.stat().st_size for file in {file.resolve() for file in files} if file.is_file())

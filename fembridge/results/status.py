@@ -1,15 +1,15 @@
-"""What a solver writes while it runs: ``.sta`` and ``.cvg`` of CalculiX, ``.sts`` of Marc.
+"""Status files of a running solver: ``.sta`` and ``.cvg`` of CalculiX, ``.sts`` of Marc.
 
-A ``.sta`` has one line an attempt at an increment, a ``.cvg`` one an iteration, a ``.sts`` one an
-increment, and how the job ended::
+A ``.sta`` has a line for each attempt at an increment, a ``.cvg`` for each iteration, a ``.sts``
+for each increment, and its exit number at the end::
 
     case   inc  cycl  sepa cut   cycl   separ   cut  rmesh time step   total time ...
       1     17    2    0    0      34       0     0     0  1.2558E-01  1.0000E+00 ...
 
-All are flushed line by line, so they may be read while the run goes on; a last line without its
-end is still being written and is left out. Columns have fixed widths and may touch; a count that
-outgrew its column is stars, here None. The layout of a ``.sts`` is that of Marc 2019 to 2021, from
-real files. Time is taken as s, length as mm.
+All are flushed line by line and can be read during the run; an incomplete last line is left out.
+Columns have fixed widths and no separators; a count that overflows its column is printed as
+stars, here None. The layout of a ``.sts`` comes from real files of Marc 2019 to 2021. Time is
+taken as s, length as mm.
 """
 
 import re
@@ -21,16 +21,16 @@ from pathlib import Path
 from typing import Any
 
 from fembridge.errors import ResultError
-from fembridge.number import parse_number
+from fembridge.io.number import parse_number
 from fembridge.results.byte_file import suffix_of, text_lines
 from fembridge.results.read_options import ReadOptions
 from fembridge.trace import seconds_to_ms
 
 SUCCESS = 3004
-"""The exit number of a job of Marc that reached its end."""
+"""Exit number of a Marc job that reached its end."""
 
 _REAL = re.compile(r" *[+-]?\d?\.\d{4,}(?:[Ee][+-]\d{2,3}|[+-]\d{3}) *")
-_WORD = re.compile(r"[^\sU]+")  # U behind an attempt that failed
+_FIELD_END = re.compile(r"[^\sU]+")  # U marks a failed attempt
 _NO_LETTER = re.compile(r"(?<=[\d.])(?=[+-])")
 _NOT_ZERO = re.compile(r" *[+-]?0*\.?0*[1-9]")
 _REAL_OF_MARC = re.compile(r" *[+-]?\d\.\d{4}(?:E[+-]\d{2}|[+-]\d{3}) *")
@@ -41,15 +41,15 @@ _UNDER_HEADER = ("#", "|--")  # two more lines of names
 _HEADER = "case inc cycl sepa cut cycl separ cut rmesh time step total time displ-mag"
 _EXIT = re.compile(r"job ends with exit number *:? *(\d+)", re.IGNORECASE)
 _STA_ROUNDING, _STS_ROUNDING = 2.0e-6, 2.0e-4  # share of a sum: seven and five digits are printed
-_AFTER = re.compile(r"total (?:wall|cpu) +time *:.*", re.IGNORECASE)
+_AFTER_END = re.compile(r"total (?:wall|cpu) +time *:.*", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
 class StaRow:
     """One attempt at an increment.
 
-    If it `failed`, `total_time_ms` and `step_time_ms` are those at the start of
-    the increment and `increment_time_ms` is the size that was tried.
+    If it `failed`, `total_time_ms` and `step_time_ms` are the times at the start of the
+    increment, and `increment_time_ms` is the increment that was tried.
     """
 
     step: int
@@ -66,8 +66,8 @@ class StaRow:
 class CvgRow:
     """One iteration: active contact springs, residuals and corrections in percent.
 
-    `iteration` is None beyond 9999. Residuals may be NaN or infinite: a run that diverges says
-    so here first.
+    `iteration` is None beyond 9999. Residuals may be NaN or infinite, the first sign of a run
+    that diverges.
     """
 
     step: int
@@ -83,11 +83,11 @@ class CvgRow:
 
 @dataclass(frozen=True, slots=True)
 class StsRow:
-    """One increment that ended.
+    """One completed increment.
 
-    `cycles`, `separations` and `cut_backs` are of the increment, `total_...` those since the
-    job began; `displacement_min_mm` and `displacement_max_mm` the least and greatest length
-    of a displacement.
+    `cycles`, `separations` and `cut_backs` are of the increment, `total_...` since the start of
+    the job; `displacement_min_mm` and `displacement_max_mm` are the smallest and largest
+    displacement.
     """
 
     load_case: int | None
@@ -107,198 +107,203 @@ class StsRow:
 
 @dataclass(frozen=True, slots=True)
 class Sts:
-    """A ``.sts``: the increments so far; `exit_number` is None as long as the job runs."""
+    """A ``.sts``: completed increments, and the exit number, None while the job runs."""
 
     rows: tuple[StsRow, ...]
     exit_number: int | None
 
     @property
     def problem(self) -> str | None:
-        """Why the job is not one that reached its end; None if it is."""
+        """Message if the job did not reach its end; None if it did."""
         if self.exit_number == SUCCESS:
             return None
-        last = self.rows[-1] if self.rows else None
-        reached = last and f"increment {last.increment} at {last.total_time_ms:g} ms"
+        last_row = self.rows[-1] if self.rows else None
+        reached = last_row and f"increment {last_row.increment} at {last_row.total_time_ms:g} ms"
         if self.exit_number is None:
             return "the job has not ended, or was killed" + (f", {reached}" if reached else "")
-        where = f"after {reached}" if reached else "before any increment"
-        return f"the job ended {where} with exit number {self.exit_number}, {SUCCESS} is success"
+        position = f"after {reached}" if reached else "before any increment"
+        return f"the job ended {position} with exit number {self.exit_number}, {SUCCESS} is success"
 
 
-def _count(field: str) -> int:
-    """An integer ≥ 0 with blanks around; not what Python calls an integer, as ``1_0``."""
+def _parse_count(field: str) -> int:
+    """An integer ≥ 0 between blanks; Python's other forms, such as ``1_0``, raise ValueError."""
     text = field.strip(" ")
     if not (text.isascii() and text.isdigit()):
-        raise ValueError(f"{field.strip()!r} is no count")
+        raise ValueError(f"{field.strip()!r}, expected a count")
     return int(text)
 
 
-def _long_count(field: str) -> int | None:
-    return None if _OVERFLOW.fullmatch(field) else _count(field)
+def _parse_long_count(field: str) -> int | None:
+    return None if _OVERFLOW.fullmatch(field) else _parse_count(field)
 
 
-def fortran(text: str) -> float:
-    """A finite number as Fortran prints it: ``1.000000-101`` has lost its E.
+def parse_fortran(text: str) -> float:
+    """A finite number printed by Fortran, also without its E: ``1.000000-101``.
 
     Raises
     ------
     ValueError
-        It is no number, or out of the range of float64.
+        `text` is not a number, or out of the range of float64.
     """
     value = parse_number(_NO_LETTER.sub("E", text))
     if value == 0.0 and _NOT_ZERO.match(text):
-        raise ValueError(f"{text.strip()!r} is too small for a number of float64")
+        raise ValueError(f"{text.strip()!r} is below the range of float64")
     return value
 
 
-def _real(field: str) -> float:
+def _parse_real(field: str) -> float:
     """A Fortran number with a decimal point."""
     if not (field.isascii() and _REAL.fullmatch(field)):
-        raise ValueError(f"{field.strip()!r} is no number")
-    return fortran(field)
+        raise ValueError(f"{field.strip()!r}, expected a number")
+    return parse_fortran(field)
 
 
-def _real_of_marc(field: str) -> float:
+def _parse_marc_real(field: str) -> float:
     """A number of a ``.sts``, which has five digits."""
     if not _REAL_OF_MARC.fullmatch(field):
-        raise ValueError(f"{field.strip()!r} is no number of five digits")
-    return _real(field)
+        raise ValueError(f"{field.strip()!r}, expected a number of five digits")
+    return _parse_real(field)
 
 
-def _ms(field: str) -> float:
-    return seconds_to_ms(_real(field))
+def _parse_ms(field: str) -> float:
+    return seconds_to_ms(_parse_real(field))
 
 
-def _ms_of_marc(field: str) -> float:
-    return seconds_to_ms(_real_of_marc(field))
+def _parse_marc_ms(field: str) -> float:
+    return seconds_to_ms(_parse_marc_real(field))
 
 
-def _percent(field: str) -> float:
+def _parse_percent(field: str) -> float:
     if _OVERFLOW.fullmatch(field) or _NOT_FINITE.fullmatch(field):
         return float("inf") if "inf" in field.lower() else float("nan")
-    return _real(field)
+    return _parse_real(field)
 
 
-def _is_failed(field: str) -> bool:
+def _parse_failed(field: str) -> bool:
     if field not in ("U", " "):
-        raise ValueError(f"{field!r} where U or a blank is expected")
+        raise ValueError(f"{field!r}, expected U or a blank")
     return field == "U"
 
 
 _Columns = Sequence[tuple[int, Callable[[str], object]]]
-# Width, and what is there; the first column of a .sta is a blank.
+# Width and parser of each column; the first character of a .sta is a blank.
 _STA: _Columns = (
-    (6, _count), (11, _count), (6, _count), (1, _is_failed), (5, _count), (14, _ms), (14, _ms),
-    (14, _ms),
+    (6, _parse_count), (11, _parse_count), (6, _parse_count), (1, _parse_failed), (5, _parse_count),
+    (14, _parse_ms), (14, _parse_ms), (14, _parse_ms),
 )  # fmt: skip
 _CVG: _Columns = (
-    (6, _count), (6, _count), (6, _count), (6, _long_count), (9, _long_count),
-    *[(12, _percent)] * 4,
+    (6, _parse_count), (6, _parse_count), (6, _parse_count), (6, _parse_long_count),
+    (9, _parse_long_count), *[(12, _parse_percent)] * 4,
 )  # fmt: skip
 _STS: _Columns = (
-    *((width, _long_count) for width in (7, 7, 5, 5, 5, 8, 8, 6, 6)),
-    (12, _ms_of_marc), (12, _ms_of_marc), (12, _real_of_marc), (12, _real_of_marc),
+    *((width, _parse_long_count) for width in (7, 7, 5, 5, 5, 8, 8, 6, 6)),
+    (12, _parse_marc_ms), (12, _parse_marc_ms), (12, _parse_marc_real), (12, _parse_marc_real),
 )  # fmt: skip
 
 
 @cache
-def _ends(widths: tuple[int, ...]) -> list[int]:
+def _column_ends(widths: tuple[int, ...]) -> list[int]:
     return list(accumulate(widths))
 
 
-def _row(kind: Callable[..., Any], columns: _Columns, line: str, path: Path, number: int) -> Any:  # noqa: ANN401
-    """A `kind` of a line; by words, where the columns do not stand where they are known to."""
-    ends = _ends(tuple(width for width, _ in columns))
+def _parse_row(
+    kind: Callable[..., Any], columns: _Columns, line: str, path: Path, number: int
+) -> Any:  # noqa: ANN401
+    """Row of type `kind` from a line; a ``.sts`` of another layout is split at blanks."""
+    ends = _column_ends(tuple(width for width, _ in columns))
     cells = [line[end - width : end] for end, (width, _) in zip(ends, columns, strict=True)]
     if kind is StsRow and len(line.split()) == len(columns):
         cells, line = line.split(), ""
     try:
         if rest := line[ends[-1] :].strip():
-            raise ValueError(f"{rest[:20]!r} behind the last column")
-        return kind(*(of(cell) for cell, (_, of) in zip(cells, columns, strict=True)))
+            raise ValueError(f"{rest[:20]!r} after the last column")
+        return kind(*(convert(cell) for cell, (_, convert) in zip(cells, columns, strict=True)))
     except ValueError as error:
-        raise ResultError(f"no row: {error}: {line[:80]!r}", path, number) from error
+        raise ResultError(f"invalid row: {error}: {line[:80]!r}", path, number) from error
 
 
-def _rows(
-    kind: Callable[..., Any], columns: _Columns, path: Path, header_lines: int, known: int
+def _parse_rows(
+    kind: Callable[..., Any], columns: _Columns, path: Path, header_lines: int, skipped: int
 ) -> list[Any]:
-    """A `kind` of each ended, not blank line under the header but the first `known`."""
+    """Row of each complete, non-blank line below the header, without the first `skipped`."""
     lines = (
         (number, line)
-        for number, line, ended in text_lines(path)
-        if number > header_lines and ended and line.strip()
+        for number, line, closed in text_lines(path)
+        if number > header_lines and closed and line.strip()
     )
-    return [_row(kind, columns, line, path, number) for number, line in islice(lines, known, None)]
+    return [
+        _parse_row(kind, columns, line, path, number)
+        for number, line in islice(lines, skipped, None)
+    ]
 
 
-def read_sta(path: Path, known: int = 0) -> list[StaRow]:
-    """The attempts so far, without the first `known`; an empty list before the first."""
-    return _rows(StaRow, _STA, path, 2, known)
+def read_sta(path: Path, skipped: int = 0) -> list[StaRow]:
+    """Attempts so far, without the first `skipped`."""
+    return _parse_rows(StaRow, _STA, path, 2, skipped)
 
 
-def read_cvg(path: Path, known: int = 0) -> list[CvgRow]:
-    """The iterations so far, without the first `known`."""
-    return _rows(CvgRow, _CVG, path, 4, known)
+def read_cvg(path: Path, skipped: int = 0) -> list[CvgRow]:
+    """Iterations so far, without the first `skipped`."""
+    return _parse_rows(CvgRow, _CVG, path, 4, skipped)
 
 
 def read_sts(path: Path) -> Sts:
-    """The increments so far and the exit number."""
+    """Completed increments and the exit number."""
     rows: list[StsRow] = []
     exit_number: int | None = None
     has_columns = False
-    for count, line, ended in text_lines(path):
+    for count, line, closed in text_lines(path):
         text = line.strip()
-        if not ended and not (_EXIT.fullmatch(text) or _AFTER.fullmatch(text)):
-            continue  # it is still being written
+        if not closed and not (_EXIT.fullmatch(text) or _AFTER_END.fullmatch(text)):
+            continue  # the line is incomplete
         if count == 1:
             if text != _FIRST_LINE:
-                words = f"begins with {line[:40]!r}, a .sts of Marc with {_FIRST_LINE!r}"
-                raise ResultError(words, path, 1)
+                message = f"begins with {line[:40]!r}, expected {_FIRST_LINE!r} in a .sts of Marc"
+                raise ResultError(message, path, 1)
         elif not has_columns:
             has_columns = text.startswith("case")
             if has_columns and text.split() != _HEADER.split():
-                words = f"columns {' '.join(text.split())!r}, only {_HEADER!r} is known"
-                raise ResultError(words, path, count)
-        elif found := _EXIT.fullmatch(text):
-            exit_number = int(found[1])
+                message = f"columns are {' '.join(text.split())!r}, expected {_HEADER!r}"
+                raise ResultError(message, path, count)
+        elif exit_match := _EXIT.fullmatch(text):
+            exit_number = int(exit_match[1])
         elif exit_number is not None:
-            if text and not _AFTER.fullmatch(text):
-                raise ResultError(f"after the end: {line[:80]!r}", path, count)
+            if text and not _AFTER_END.fullmatch(text):
+                raise ResultError(f"{line[:80]!r} after the end", path, count)
         elif text and (rows or not text.startswith(_UNDER_HEADER)):
-            rows.append(_row(StsRow, _STS, line, path, count))
+            rows.append(_parse_row(StsRow, _STS, line, path, count))
     if not has_columns:
-        raise ResultError("no line of column names: cut, or no .sts of Marc", path)
+        raise ResultError("no column names: cut, or not a .sts of Marc", path)
     return Sts(tuple(rows), exit_number)
 
 
 def status_rows(path: Path, options: ReadOptions) -> Iterator[Sequence[object]]:
-    """A status file as a table: its columns, with units in their names, then row by row.
+    """A status file as a table: column names with units, then row by row.
 
-    None is empty, a truth 0 or 1. What is wrong with the run, or its last line, is noted.
+    None becomes "", a boolean 0 or 1. Problems of the run and an incomplete last line are noted.
     """
     suffix, problem = suffix_of(path), None
     kind: type = {".sta": StaRow, ".cvg": CvgRow, ".sts": StsRow}[suffix]
     rows: Sequence[Any]
     if suffix == ".sts":
-        found = read_sts(path)
-        rows, problem = found.rows, found.problem
+        status = read_sts(path)
+        rows, problem = status.rows, status.problem
     else:
         rows = read_sta(path) if kind is StaRow else read_cvg(path)
-        header_lines, ends, doubt = 2 if kind is StaRow else 4, list[int](), ""
-        for number, line, ended in text_lines(path):
-            if number > header_lines and ended and line.strip() and not doubt:
-                now = [word.end() for word in _WORD.finditer(line)]
-                if len(now) == len(ends) and now != ends:
-                    doubt = f"line {number}: its columns are not those of the lines above"
-                ends = now
-            if not ended:
-                problem = f"line {number} has no end yet and is left out: {line[:40]!r}"
-        if doubt:
-            options.note(doubt)
-    if message := _out_of_order(rows):
+        header_lines, previous_ends, column_warning = 2 if kind is StaRow else 4, list[int](), ""
+        for number, line, closed in text_lines(path):
+            if number > header_lines and closed and line.strip() and not column_warning:
+                field_ends = [match.end() for match in _FIELD_END.finditer(line)]
+                if len(field_ends) == len(previous_ends) and field_ends != previous_ends:
+                    column_warning = f"line {number}: columns are shifted from the lines above"
+                previous_ends = field_ends
+            if not closed:
+                problem = f"left out: line {number} is incomplete: {line[:40]!r}"
+        if column_warning:
+            options.note(column_warning)
+    if message := _order_problem(rows):
         options.refuse(message, path)
-    elif message := _contradiction(rows):
+    elif message := _sum_problem(rows):
         options.note(message)
     if problem is not None:
         options.note(problem)
@@ -308,38 +313,41 @@ def status_rows(path: Path, options: ReadOptions) -> Iterator[Sequence[object]]:
         yield tuple(int(cell) if isinstance(cell, bool) else cell for cell in cells)
 
 
-def _out_of_order(rows: Sequence[Any]) -> str:
-    """Which row does not follow the one before it; "" where all do.
+def _order_problem(rows: Sequence[Any]) -> str:
+    """Message about the first row that is not in order; "" if all are.
 
-    Increments, attempts at one and iterations of one are counted from 1 without a gap; a
-    ``.sts`` counts its increments over all load cases.
+    Increments, their attempts and their iterations are numbered from 1 without a gap; a ``.sts``
+    numbers its increments over all load cases.
     """
     for number, (before, row) in enumerate(pairwise([None, *rows]), start=1):
         names = ["step", "increment", "attempt", "iteration"][: 3 + isinstance(row, CvgRow)]
         if isinstance(row, StsRow):
             names = ["increment"]
-        at = [getattr(row, name) for name in names]
-        was = at if before is None else [getattr(before, name) for name in names]
-        if None in (*at, *was) or (before is None and isinstance(row, StsRow)):
-            continue  # a count that outgrew its column; a restart
-        ways = [was[:k] + [was[k] + 1] + [1] * (len(was) - k - 1) for k in range(len(was))]
+        current = [getattr(row, name) for name in names]
+        previous = current if before is None else [getattr(before, name) for name in names]
+        if None in (*current, *previous) or (before is None and isinstance(row, StsRow)):
+            continue  # a count that overflows its column; a restart
+        allowed = [
+            previous[:k] + [previous[k] + 1] + [1] * (len(previous) - k - 1)
+            for k in range(len(previous))
+        ]
         if before is None:
-            ways = [[at[0], *[1] * (len(at) - 1)]]
+            allowed = [[current[0], *[1] * (len(current) - 1)]]
         elif isinstance(row, StaRow):
-            ways = [ways[2]] if before.failed else ways[:2]
-        if at not in ways:
-            last = "nothing" if before is None else f"increment {before.increment}"
+            allowed = [allowed[2]] if before.failed else allowed[:2]
+        if current not in allowed:
+            previous_text = "nothing" if before is None else f"increment {before.increment}"
             return (
-                f"row {number}, of increment {row.increment}, cannot follow {last}: rows are "
-                "missing, duplicate or not in order"
+                f"row {number}, of increment {row.increment}, cannot follow {previous_text}: "
+                "rows are missing, duplicate or not in order"
             )
     return ""
 
 
-def _contradiction(rows: Sequence[Any]) -> str:
-    """Which row has a time or a sum that does not follow from the row before; "" where all do.
+def _sum_problem(rows: Sequence[Any]) -> str:
+    """Message about the first row with a wrong time or sum; "" if there is none.
 
-    Within a step, the times of a ``.sta`` grow by each increment that converged; a ``.sts`` sums
+    Within a step the times of a ``.sta`` increase by each converged increment; a ``.sts`` sums
     times and counts over the job.
     """
     for number, (before, row) in enumerate(pairwise(rows), start=2):
@@ -359,25 +367,27 @@ def _contradiction(rows: Sequence[Any]) -> str:
             if abs(getattr(row, name) - expected_ms) > share * abs(expected_ms):
                 return (
                     f"row {number}, of increment {row.increment}: {name} is "
-                    f"{getattr(row, name):g}, the row before and the increment make "
-                    f"{expected_ms:g}"
+                    f"{getattr(row, name):g}, expected {expected_ms:g} from the previous row"
                 )
         if isinstance(row, StsRow):
             if None not in (row.load_case, before.load_case):
-                cases = before.load_case, before.load_case + 1
-                if row.load_case not in cases:
-                    return f"row {number}: load case {row.load_case} comes after {cases[0]}"
+                allowed_cases = before.load_case, before.load_case + 1
+                if row.load_case not in allowed_cases:
+                    return f"row {number}: load case {row.load_case} follows {allowed_cases[0]}"
             if (
                 None not in (row.remeshings, before.remeshings)
                 and row.remeshings < before.remeshings
             ):
-                return f"row {number}, of increment {row.increment}: remeshings become fewer"
+                return f"row {number}, of increment {row.increment}: fewer remeshings than before"
             for name in ("cycles", "separations", "cut_backs"):
-                total, last = getattr(row, f"total_{name}"), getattr(before, f"total_{name}")
+                total, previous_total = (
+                    getattr(row, f"total_{name}"),
+                    getattr(before, f"total_{name}"),
+                )
                 count = getattr(row, name)
-                if None not in (total, last, count) and total != last + count:
+                if None not in (total, previous_total, count) and total != previous_total + count:
                     return (
                         f"row {number}, of increment {row.increment}: total_{name} is {total}, "
-                        f"the row before and {name} make {last + count}"
+                        f"expected {previous_total + count} from the previous row"
                     )
     return ""

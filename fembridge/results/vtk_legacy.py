@@ -1,8 +1,8 @@
-"""Legacy ``.vtk`` files, as FEBio exports them, by meshio.
+"""Legacy ``.vtk`` files, as FEBio exports them, read by meshio.
 
-meshio takes memory by the counts of a header, and reads the whole file. Files are
-therefore bounded, and every count is compared with the size of the file first: a number
-takes a byte or more.
+meshio allocates memory by the counts in a header and reads the whole file. Therefore the size of
+files is limited, and every count is first compared with the size of the file: a number takes a
+byte or more.
 """
 
 import re
@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import FembridgeError, MissingError, ResultError
-from fembridge.memory import check_memory
+from fembridge.host.memory import check_memory
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.series import Frame
 from fembridge.typing import FloatArray
 
 MAX_FILE_BYTES = 1 << 28
 COPIES = 12
-"""Memory that meshio takes, in sizes of the file: numbers of two characters become eight bytes."""
+"""Memory that meshio needs, in file sizes: a number of two characters becomes eight bytes."""
 
 _DATASET = re.compile(rb"^DATASET[ \t]+(\w+)", re.MULTILINE)
 # Lines of a keyword or name and counts: POINTS 8 float; CELLS 3 12; S 1 8 double.
@@ -33,7 +33,7 @@ class LegacyVtkFile(Frame):
     def __init__(self, path: Path) -> None:
         with ByteFile(path) as file:
             if file.size > MAX_FILE_BYTES:
-                raise ResultError(f"more than {MAX_FILE_BYTES} bytes", path)
+                raise ResultError(f"larger than the limit of {MAX_FILE_BYTES} bytes", path)
             check_memory(COPIES * file.size, path.name, ResultError.at(path))
             _check_header(file.take(0, file.size), path)
         try:
@@ -42,13 +42,13 @@ class LegacyVtkFile(Frame):
             raise MissingError("no meshio to read .vtk with: pip install meshio") from error
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("error")  # NumPy warns of a text that is no number
+                warnings.simplefilter("error")  # NumPy warns about text that is not a number
                 mesh = meshio.vtk.read(path)
         except (FembridgeError, MemoryError):
             raise
-        except (Exception, SystemExit) as error:  # whatever meshio does of damage
+        except (Exception, SystemExit) as error:  # any error of meshio about damage
             problem = f"{type(error).__name__} {error}".strip()[:120]
-            raise ResultError(f"no VTK that can be read: {problem}", path) from error
+            raise ResultError(f"invalid VTK: {problem}", path) from error
         self.path, self._points = path, np.asarray(mesh.points, dtype=np.float64)
         self._arrays = {
             str(name): np.asarray(array)
@@ -58,13 +58,13 @@ class LegacyVtkFile(Frame):
         super().__init__({name: array.shape for name, array in self._arrays.items()})
 
     def count(self) -> int:
-        """Count of points."""
+        """Number of points."""
         return len(self._points)
 
     def points(self) -> FloatArray:
         """Coordinates ``(P, 3)``."""
         if self._points.ndim != 2 or not np.isfinite(self._points).all():
-            raise ResultError("a coordinate is not a finite number", self.path)
+            raise ResultError("a coordinate is not finite", self.path)
         return self._points
 
     def read(self, name: str) -> FloatArray:
@@ -75,9 +75,9 @@ class LegacyVtkFile(Frame):
 def _check_header(content: bytes, path: Path) -> None:
     kinds = _DATASET.findall(content)
     if not content.startswith(_FIRST) or kinds[:1] != [b"UNSTRUCTURED_GRID"]:
-        raise ResultError("no legacy VTK file of an UNSTRUCTURED_GRID", path)
+        raise ResultError("expected a legacy VTK file of an UNSTRUCTURED_GRID", path)
     for match in _COUNTS.finditer(content):
         if max(float(count) for count in match[2].split()) > len(content):
             line = content.count(b"\n", 0, match.start()) + 1
             name = match[1].decode("ascii", "replace")[:40]
-            raise ResultError(f"{name} counts more numbers than the file has bytes", path, line)
+            raise ResultError(f"{name} announces more numbers than the file has bytes", path, line)

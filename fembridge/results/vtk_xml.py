@@ -1,10 +1,10 @@
 """VTU files, and the PVD that lists them over time.
 
-Of a VTU only requested arrays of points are read, each after its size is known: the count of
-values follows from ``NumberOfPoints`` and ``NumberOfComponents``, and must be that of the
-text, of the bytes, or of the header of compressed blocks. Text, base64 and appended data,
-raw or base64, are read, uncompressed or by zlib or LZMA ("VTK XML Formats",
-docs.vtk.org, "Appended data" and "Compressed data").
+Only requested point arrays of a VTU are read, after their size is known: the number of values
+follows from ``NumberOfPoints`` and ``NumberOfComponents``, and must equal that of the text, of the
+bytes, or of the header of compressed blocks. Supported are text, base64 and appended data (raw or
+base64), uncompressed or compressed by zlib or LZMA ("VTK XML Formats", docs.vtk.org, "Appended
+data" and "Compressed data").
 """
 
 import base64
@@ -18,14 +18,14 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from fembridge.errors import ResultError
-from fembridge.memory import check_unpacked
-from fembridge.number import parse_number, parse_whole_number
+from fembridge.errors import FembridgeError, ResultError
+from fembridge.host.memory import check_unpacked
+from fembridge.host.store import read_bytes
+from fembridge.io.number import parse_number, parse_whole_number
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.series import Frame, Series, disk_bytes, inside, numbers_in
 from fembridge.results.vtk_legacy import LegacyVtkFile
 from fembridge.results.xml_tree import read_xml, refuse_text
-from fembridge.store import read_bytes
 from fembridge.typing import FloatArray
 
 MAX_FILE_BYTES = 1 << 28
@@ -50,26 +50,26 @@ _BLANKS = str.maketrans("", "", " \t\r\n")
 
 
 class _Raw:
-    """Appended bytes as they are, from `begin` to `end` of a file."""
+    """Raw appended bytes, from `begin` to `end` of a file."""
 
     def __init__(self, file: ByteFile, begin: int, end: int) -> None:
         self._file, self._begin, self.size = file, begin, end - begin
 
     def take(self, offset: int, size: int) -> tuple[bytes, int]:
-        """`size` bytes from `offset`, and the offset behind them."""
+        """`size` bytes from `offset`, and the offset after them."""
         if offset < 0 or offset + size > self.size:
             raise ValueError(f"{size} bytes expected at byte {offset} of {self.size}")
         return self._file.take(self._begin + offset, size), offset + size
 
 
 class _Base64:
-    """Base64 `text`, in which each part begins anew."""
+    """Base64 `text` of separately encoded parts."""
 
     def __init__(self, text: bytes) -> None:
         self._text, self.size = text, len(text)
 
     def take(self, offset: int, size: int) -> tuple[bytes, int]:
-        """`size` bytes of the part at `offset`, and the offset behind their last character."""
+        """`size` bytes of the part at `offset`, and the offset after their last character."""
         end = offset + -(-size // 3) * 4
         if offset < 0 or end > self.size:
             raise ValueError(f"{size} bytes expected at character {offset} of {self.size}")
@@ -79,13 +79,13 @@ class _Base64:
         return content[:size], end
 
     def is_joined(self, offset: int, size: int) -> bool:
-        """Whether a header of `size` bytes is encoded together with the data behind it."""
+        """Whether a header of `size` bytes is encoded together with the data after it."""
         end = offset + -(-size // 3) * 4
         return len(base64.b64decode(self._text[offset:end], validate=True)) > size
 
 
 class VtuFile(Frame):
-    """An open VTU file; pieces follow one another."""
+    """An open VTU file; arrays of its pieces are concatenated."""
 
     def __init__(self, path: Path) -> None:
         super().__init__({})
@@ -93,6 +93,9 @@ class VtuFile(Frame):
         self._file = ByteFile(path)
         try:
             self._open()
+        except FembridgeError:
+            self._file.__exit__()
+            raise
         except (ValueError, KeyError, TypeError, binascii.Error) as error:
             self._file.__exit__()
             raise _damage(error, path) from error
@@ -104,7 +107,7 @@ class VtuFile(Frame):
         self._file.__exit__(*error)
 
     def count(self) -> int:
-        """Count of points of all pieces."""
+        """Number of points of all pieces."""
         return sum(piece.count for piece in self._pieces)
 
     def points(self) -> FloatArray:
@@ -112,7 +115,7 @@ class VtuFile(Frame):
         pieces = [self._checked(piece, piece.points, "points") for piece in self._pieces]
         points = np.concatenate(pieces)
         if not np.isfinite(points).all():
-            raise ResultError("a coordinate is not a finite number", self.path)
+            raise ResultError("a coordinate is not finite", self.path)
         return points
 
     def read(self, name: str) -> FloatArray:
@@ -124,7 +127,7 @@ class VtuFile(Frame):
     def _open(self) -> None:
         file = self._file
         if file.size > MAX_FILE_BYTES:
-            raise ResultError(f"more than {MAX_FILE_BYTES} bytes", self.path)
+            raise ResultError(f"larger than the limit of {MAX_FILE_BYTES} bytes", self.path)
         at = file.find(_APPENDED, 0)
         head = file.take(0, file.size if at is None else at)
         tag = b"" if at is None else file.peek(at, _TAG_BYTES).partition(b">")[0] + b">"
@@ -176,15 +179,15 @@ class VtuFile(Frame):
         return shapes
 
     def _appended_at(self, begin: int, encoding: str) -> _Raw | _Base64:
-        """The data behind the tag that ends at `begin`: after blanks and an underscore."""
+        """Appended data, which begin after the tag that ends at `begin` and an underscore."""
         file = self._file
         tail_at = max(begin, file.size - _TAIL_BYTES)
         end = file.peek(tail_at, _TAIL_BYTES).rfind(_APPENDED_END)
         if end < 0 or file.peek(tail_at + end, _TAIL_BYTES).count(b"</VTKFile>") != 1:
-            raise ValueError("cut: its appended data has no end")
+            raise ValueError("cut: the appended data have no end")
         start = file.find(b"_", begin)
         if start is None or start >= tail_at + end or file.take(begin, start - begin).strip():
-            raise ValueError("its appended data does not begin with an underscore")
+            raise ValueError("the appended data do not begin with an underscore")
         if encoding == "raw":
             return _Raw(file, start + 1, tail_at + end)
         if encoding != "base64":
@@ -226,7 +229,7 @@ class VtuFile(Frame):
             if storage == "appended":
                 inner = np.searchsorted(self._offsets, [offset, end])
                 if inner[1] - inner[0] > 1:
-                    raise ValueError(f"the bytes of {name} are of another array, too")
+                    raise ValueError(f"{name} and another array share bytes")
             elif end != source.size:
                 raise ValueError(f"{name} has more than its {count} values")
             values = np.frombuffer(content, dtype).astype(np.float64)
@@ -235,7 +238,7 @@ class VtuFile(Frame):
     def _bytes_of(
         self, source: _Raw | _Base64, offset: int, size: int, name: str
     ) -> tuple[bytes, int]:
-        """The `size` bytes of an array, unpacked, and the offset behind them."""
+        """The `size` bytes of an array, unpacked, and the offset after them."""
         if self._compressor is not None:
             return self._unpacked(source, offset, size, name)
         header_size = self._header.itemsize
@@ -251,10 +254,10 @@ class VtuFile(Frame):
     def _unpacked(
         self, source: _Raw | _Base64, offset: int, size: int, name: str
     ) -> tuple[bytes, int]:
-        """The same of compressed blocks.
+        """As `_bytes_of`, for compressed blocks.
 
-        Their header is the count of blocks, the size of a whole block and of a partial last
-        one (0: it is whole), and the compressed size of each.
+        Their header is the number of blocks, the size of a full block and of a partial last one
+        (0: the last block is full), and the compressed size of each.
         """
         item = self._header.itemsize
         content, _ = source.take(offset, 3 * item)
@@ -294,7 +297,7 @@ class VtuFile(Frame):
 
 
 class _Piece:
-    """A piece of a VTU: its count of points, and its arrays there by name."""
+    """A piece of a VTU: its number of points and its point arrays by name."""
 
     def __init__(self, piece: Element) -> None:
         self.count = parse_whole_number(piece.attrib["NumberOfPoints"])
@@ -314,9 +317,9 @@ class _Piece:
 
 
 def _components(array: Element) -> tuple[int, ...]:
-    """``(count,)`` of the components, () where the file names none."""
+    """``(count,)`` with the number of components; () if the file names none."""
     text = array.get("NumberOfComponents")
-    if not text:  # empty as Firedrake writes it
+    if not text:  # Firedrake writes it empty
         return ()
     count = parse_whole_number(text)
     if count < 1:
@@ -325,8 +328,8 @@ def _components(array: Element) -> tuple[int, ...]:
 
 
 def _damage(error: Exception, path: Path) -> ResultError:
-    problem = f"no {error} in it" if isinstance(error, KeyError) else str(error)
-    return ResultError(f"no VTU that can be read: {problem[:120]}", path)
+    problem = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+    return ResultError(f"invalid VTU: {problem[:120]}", path)
 
 
 class VtuSeries(Series):
@@ -339,7 +342,7 @@ class VtuSeries(Series):
         self._data_files = [file for _, file in entries]
 
     def count(self) -> int:
-        """Count of points of the first file."""
+        """Number of points of the first file."""
         with self.frame(0) as first:
             return first.count()
 
@@ -358,7 +361,7 @@ class VtuSeries(Series):
         return self._data_files[output].resolve()
 
     def packed_bytes(self) -> int:
-        """Size of the PVD and its files on the disk."""
+        """Size of the PVD and its files on disk, in bytes."""
         return disk_bytes([self.path, *self._data_files])
 
 
@@ -367,24 +370,24 @@ def _entries(path: Path) -> list[tuple[float, Path]]:
     root = read_xml(read_bytes(path, MAX_PVD_BYTES, ResultError.at(path)), path)
     collections = root.findall("Collection")
     if root.tag != "VTKFile" or len(collections) != 1:
-        raise ResultError("no PVD: expected a VTKFile with one Collection", path)
+        raise ResultError("invalid PVD: expected a VTKFile with one Collection", path)
     refuse_text(root, path)
     refuse_text(collections[0], path)
     sets = list(collections[0])
     if not sets:
-        raise ResultError("no DataSet in it", path)
+        raise ResultError("no DataSet", path)
     timed = [item for item in sets if item.get("timestep") is not None]
     if timed and len(timed) != len(sets):
         raise ResultError(f"{len(sets) - len(timed)} of {len(sets)} entries have no timestep", path)
     entries, files = [], {}
     for item in sets:
         if item.tag != "DataSet":
-            raise ResultError(f"{item.tag} in it, expected DataSet alone", path)
+            raise ResultError(f"element {item.tag}, expected DataSet", path)
         name = item.get("file", "")
         if name not in files:
             files[name] = inside(path.parent, name, path)
             if files[name].suffix.lower() not in (".vtu", ".vtk"):
-                raise ResultError(f"it lists {files[name].name}, expected .vtu files", path)
+                raise ResultError(f"lists {files[name].name}, expected .vtu or .vtk files", path)
         try:
             entries.append((parse_number(item.get("timestep", "0")), files[name]))
         except ValueError as error:

@@ -1,8 +1,8 @@
-"""A temporal collection of XDMF 3, with its arrays in HDF5, in raw files or in the XML.
+"""Temporal collections of XDMF 3, with arrays in HDF5, in raw files or in the XML.
 
-The HDF5 files must lie in the folder of the XDMF, and an array in the file that is named:
-external links, external storage and virtual datasets are refused, and so is what unpacks to
-more than the limits of `fembridge.memory`. An array's shape comes from HDF5, or from
+The HDF5 files must be in the folder of the XDMF, and an array in the file that the XDMF names:
+external links, external storage and virtual datasets are refused, and arrays that unpack to more
+than the limits of `fembridge.host.memory`. The shape of an array comes from HDF5, or from
 ``Dimensions`` (xdmf.org, "XDMF Model and Format").
 """
 
@@ -17,11 +17,11 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from fembridge.errors import FembridgeError, MissingError, ResultError
-from fembridge.memory import SMALL_BYTES, check_memory, check_unpacked
-from fembridge.number import parse_number, parse_whole_number
+from fembridge.host.memory import SMALL_BYTES, check_memory, check_unpacked
+from fembridge.host.store import read_bytes
+from fembridge.io.number import parse_number, parse_whole_number
 from fembridge.results.series import Frame, Series, disk_bytes, inside, numbers_in
 from fembridge.results.xml_tree import read_xml, refuse_text
-from fembridge.store import read_bytes
 from fembridge.typing import FloatArray
 
 MAX_XML_BYTES = 1 << 28
@@ -41,7 +41,7 @@ _HDF5_TYPES = tuple(
 )
 _MAX_LINKS = 16
 _MAX_DEFLATE = 1032
-"""Times that deflate can shrink zeros."""
+"""Highest compression ratio of deflate."""
 _CHUNK_MARGIN_BYTES = 1 << 12
 
 
@@ -63,12 +63,12 @@ class XdmfSeries(Series):
             grids = domain.findall("Grid")
             collections = [grid for grid in grids if grid.get("GridType") == "Collection"]
             if domain.tag != "Domain" or not collections:
-                raise ResultError("no series: expected a Grid with GridType Collection", path)
+                raise ResultError("not a series: expected a Grid with GridType Collection", path)
             collection = collections[-1]
             if collection.get("CollectionType") != "Temporal":
-                raise ResultError("its collection is not over time (Temporal)", path)
+                raise ResultError("the collection is not over time (Temporal)", path)
             if names := {child.tag for child in collection} - {"Grid", "Information"}:
-                raise ResultError(f"{min(names)} in its collection, expected Grid", path)
+                raise ResultError(f"{min(names)} in the collection, expected Grid", path)
             self._grids = collection.findall("Grid")
             self.times = [_time_of(grid) for grid in self._grids]
             for element in (root, domain, collection, *self._grids):
@@ -98,7 +98,7 @@ class XdmfSeries(Series):
         return points
 
     def count(self) -> int:
-        """Count of points."""
+        """Number of points."""
         with _damage(self.path):
             return self.shape(self._geometry)[0]
 
@@ -107,7 +107,7 @@ class XdmfSeries(Series):
         return XdmfFrame(self, output)
 
     def items(self, output: int) -> dict[str, Element]:
-        """The items of an output with its arrays at nodes, by name."""
+        """Items of an output with arrays at nodes, by name."""
         items: dict[str, Element] = {}
         with _damage(self.path):
             for attribute in self._grids[output].findall("Attribute"):
@@ -122,7 +122,7 @@ class XdmfSeries(Series):
         return items
 
     def key(self, output: int, names: Sequence[str]) -> Hashable:
-        """The names of the datasets or raw files of an output; of numbers in the XML its own."""
+        """Names of the datasets or raw files of an output; its number for arrays in the XML."""
         items = self.items(output)
         return tuple(
             output
@@ -133,7 +133,7 @@ class XdmfSeries(Series):
         )
 
     def doubts(self, names: Sequence[str]) -> list[str]:
-        """Which of the arrays `names` are stored where another array is."""
+        """Warnings about arrays `names` that share storage with another array."""
         names_of: dict[str, set[str]] = {}
         for output in range(len(self._grids)):
             for name, item in self.items(output).items():
@@ -146,7 +146,7 @@ class XdmfSeries(Series):
         ]
 
     def packed_bytes(self) -> int:
-        """Size of the XDMF, and of the files that its arrays are in."""
+        """Size in bytes of the XDMF and of the files with its arrays."""
         files = {self.path}
         for grid in self._grids:
             for item in grid.iter("DataItem"):
@@ -205,7 +205,7 @@ class XdmfSeries(Series):
         return _linked(self._hdf5[file], inner, self.path)
 
     def _check_dataset(self, dataset: Any, name: str) -> None:  # noqa: ANN401
-        """Refuse a dataset whose chunks unpack to more than the limits."""
+        """Raise an error if the chunks of a dataset unpack to more than the limits."""
         error = ResultError.at(self.path)
         packed_bytes = dataset.id.get_storage_size()
         check_unpacked(packed_bytes, dataset.nbytes, name, error, copies=COPIES)
@@ -226,7 +226,7 @@ class XdmfSeries(Series):
             dataset.id.chunk_iter(check)
         if dataset.compression != "gzip":
             return
-        for offset in large:  # HDF5 unpacks a chunk whatever it grows to
+        for offset in large:  # HDF5 unpacks a chunk without a limit
             _, packed = dataset.id.read_direct_chunk(offset)
             if len(zlib.decompressobj().decompress(packed, most + 1)) > most:
                 raise ValueError(f"a chunk of {name} unpacks to more than {most} bytes")
@@ -246,7 +246,7 @@ class XdmfFrame(Frame):
 
 
 class _LazyShapes(Mapping[str, tuple[int, ...]]):
-    """Shapes by name, each from its header when it is asked for."""
+    """Shapes by name, each read from its header on access."""
 
     def __init__(self, series: XdmfSeries, items: Mapping[str, Element]) -> None:
         self._series, self._items = series, items
@@ -269,12 +269,12 @@ def _h5py() -> Any:  # noqa: ANN401 - an extra without types
     try:
         import h5py
     except ImportError as error:
-        raise MissingError("no h5py to read HDF5 with: pip install h5py") from error
+        raise MissingError("h5py is missing, needed to read HDF5: pip install h5py") from error
     return h5py
 
 
 def _linked(file: Any, name: str, path: Path) -> Any:  # noqa: ANN401
-    """The dataset `name` of an HDF5 file, by hard and soft links in that file alone."""
+    """The dataset `name` of an HDF5 file, through hard and soft links in that file only."""
     h5py = _h5py()
     parts, node, links = [part for part in name.split("/") if part], file, 0
     while parts:
@@ -283,19 +283,19 @@ def _linked(file: Any, name: str, path: Path) -> Any:  # noqa: ANN401
         if isinstance(link, h5py.SoftLink):
             links += 1
             if links > _MAX_LINKS:
-                raise ResultError(f"links of {name[:60]} lead to each other", path)
+                raise ResultError(f"circular links of {name[:60]}", path)
             node = file if link.path.startswith("/") else node
             parts = [step for step in link.path.split("/") if step] + parts
         elif isinstance(link, h5py.HardLink):
             node = node[part]
         elif link is None:
-            raise ResultError(f"no dataset {name[:60]} in its HDF5", path)
+            raise ResultError(f"no dataset {name[:60]} in the HDF5 file", path)
         else:
-            raise ResultError(f"{name[:60]} is a link to another file, not read", path)
+            raise ResultError(f"{name[:60]} is a link to another file, not supported", path)
     if not isinstance(node, h5py.Dataset):
-        raise ResultError(f"{name[:60]} is no dataset of its HDF5", path)
+        raise ResultError(f"{name[:60]} is not a dataset of the HDF5 file", path)
     if node.is_virtual or node.external:
-        raise ResultError(f"the numbers of {name[:60]} are in another file, not read", path)
+        raise ResultError(f"{name[:60]} is stored in another file, not supported", path)
     types = [getattr(h5py.h5t, name) for name in _HDF5_TYPES]
     if node.shape is None or not any(node.id.get_type().equal(kind) for kind in types):
         raise ResultError(f"{name[:60]} is of type {node.dtype}, expected real numbers", path)
@@ -305,7 +305,7 @@ def _linked(file: Any, name: str, path: Path) -> Any:  # noqa: ANN401
 def _refuse_includes(root: Element, path: Path) -> None:
     for element in root.iter():
         if element.tag.rpartition(":")[2] == "include" and element.get("href"):
-            raise ResultError(f"it includes {element.get('href')!r}, which is not read", path)
+            raise ResultError(f"includes {element.get('href')!r}, not supported", path)
 
 
 def _time_of(grid: Element) -> float:
@@ -320,7 +320,7 @@ def _item_of(element: Element) -> Element:
     if len(items) != 1 or items[0].tag != "DataItem":
         raise ValueError(f"{len(items)} items in {element.tag}, expected one DataItem")
     if items[0].get("ItemType", "Uniform") != "Uniform" or "Reference" in items[0].attrib:
-        raise ValueError("a DataItem that refers to others, which is not read")
+        raise ValueError("a DataItem that refers to others, not supported")
     return items[0]
 
 
@@ -342,12 +342,12 @@ def _type_of(item: Element) -> np.dtype[Any]:
 
 @contextmanager
 def _damage(path: Path) -> Iterator[None]:
-    """Turn whatever h5py and the parser raise for damage into one error."""
+    """Turn any error of h5py and the parser about damage into a `ResultError`."""
     try:
         yield
     except (FembridgeError, MemoryError):
         raise
     except Exception as error:
-        problem = f"no {error} in it" if isinstance(error, KeyError) else str(error)
+        problem = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         problem = " ".join(problem.split())[:120]
-        raise ResultError(f"no XDMF that can be read: {problem}", path) from error
+        raise ResultError(f"invalid XDMF: {problem}", path) from error

@@ -1,8 +1,8 @@
-"""XML of a result file as a tree: no entities, bounded in elements and depth.
+"""XML of a result file as a tree, without entities and with limited size and depth.
 
-An entity that is defined in terms of others makes gigabytes of a kilobyte, and one with a
-path reads another file. No program writes its results with entities; a ``<!DOCTYPE>`` that
-only names a DTD is common in XDMF, and is not followed.
+Nested entities expand a kilobyte to gigabytes, and an entity with a path reads another file. No
+program writes results with entities; a ``<!DOCTYPE>`` that only names a DTD is common in XDMF and
+is ignored.
 """
 
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import NoReturn
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
-from fembridge.errors import ResultError
+from fembridge.errors import FembridgeError, ResultError
 
 MAX_ELEMENTS = 1_000_000
 MAX_DEPTH = 64
@@ -19,12 +19,12 @@ _BUFFER_BYTES = 1 << 16
 
 
 def read_xml(content: bytes, path: Path) -> Element:
-    """The root element of the XML `content` of `path`; a prefix stays part of a tag.
+    """Root element of the XML `content` of `path`; a prefix stays part of a tag.
 
     Raises
     ------
     ResultError
-        Not XML, or with entities, or more than `MAX_ELEMENTS` or `MAX_DEPTH`.
+        Not XML, XML with entities, or more than `MAX_ELEMENTS` or `MAX_DEPTH`.
     """
     builder = TreeBuilder()
     parser = expat.ParserCreate()
@@ -47,7 +47,7 @@ def read_xml(content: bytes, path: Path) -> Element:
         builder.end(tag)
 
     def refuse_entity(name: str, *_: object) -> None:
-        refuse(f"XML entity {name!r}, which no results have")
+        refuse(f"XML entity {name!r}, not supported")
 
     def refuse(problem: str) -> NoReturn:
         raise ResultError(problem, path, parser.CurrentLineNumber)
@@ -60,12 +60,14 @@ def read_xml(content: bytes, path: Path) -> Element:
     try:
         parser.Parse(content, True)
         return builder.close()
+    except FembridgeError:
+        raise
     except (expat.ExpatError, ValueError, LookupError, AssertionError) as error:
         raise ResultError(f"not XML, or cut: {error}", path) from error
 
 
 def refuse_text(element: Element, path: Path) -> None:
-    """Refuse text between the elements in `element`: a damaged tag becomes such text."""
+    """Raise a `ResultError` for text between the elements in `element`, from a damaged tag."""
     for text in (element.text, *(child.tail for child in element)):
         if text and text.strip():
             problem = f"{text.strip()[:40]!r} between the elements of {element.tag}"

@@ -24,22 +24,27 @@ import shutil
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
 from decks.dialects import DIALECTS, JOB
-from fembridge import cache
-from fembridge.errors import FembridgeError, LockedError, MissingError, OutputError, ResultError
-from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx
-from fembridge.results.status import CvgRow, StaRow, read_cvg, read_sta
-from fembridge.run_folder import SOLVER_FILE, RunFolder, read_run_folder
-from fembridge.solver.process import signals_as_exits, start, stop
-from fembridge.solver.settings import DEFAULTS, OnProgress, Progress, SolverSettings
-from fembridge.solver.verdict import Cause, Failure, Outcome, find_card, judge, read_solver_log
-from fembridge.store import (
+from fembridge.errors import (
+    FembridgeError,
+    LockedError,
+    MissingError,
+    OutputError,
+    ResultError,
+    UsageError,
+    check_type,
+)
+from fembridge.host import cache
+from fembridge.host.machine import SOLVER_INSTALL_LINE, find_ccx
+from fembridge.host.process import signals_as_exits, start, stop
+from fembridge.host.progress import OnProgress, Progress
+from fembridge.host.store import (
     folder_lock,
     make_folder,
     read_toml,
@@ -47,6 +52,18 @@ from fembridge.store import (
     working_folder,
     write_text,
     write_toml,
+)
+from fembridge.io.run_folder import SOLVER_FILE, RunFolder, check_run_folder, read_run_folder
+from fembridge.results.status import CvgRow, StaRow, read_cvg, read_sta
+from fembridge.solver.settings import DEFAULTS, Solver
+from fembridge.solver.verdict import (
+    Cause,
+    Failure,
+    Outcome,
+    SolverLog,
+    find_card,
+    judge,
+    read_solver_log,
 )
 from fembridge.typing import Table
 
@@ -79,12 +96,66 @@ _LABEL_KEYS = (("finger", "name"), ("stimulus", "id"))
 """Keys of a run's inputs that label its entry in the cache."""
 
 
-Solver: TypeAlias = Callable[[RunFolder, SolverSettings, threading.Event | None], Outcome]
+RunPath: TypeAlias = str | os.PathLike[str] | RunFolder
+"""A run folder: its path, or its value."""
+
+SolverFunction: TypeAlias = Callable[[RunFolder, Solver, threading.Event | None], Outcome]
 """Solves one run; a rejected run is an outcome, not an exception."""
 
 
+def run(
+    folders: "RunPath | Sequence[RunPath]",
+    *,
+    solver: Solver = DEFAULTS,
+    force: bool = False,
+) -> list[Outcome]:
+    """Outcomes of the solver in run folders, in that order.
+
+    The results of an accepted run are next to its deck. A folder with complete results of
+    its deck is skipped, and results that this machine solved before come from its cache. The
+    `failure` of an outcome is None, or the cause of the rejection.
+
+    Parameters
+    ----------
+    folders
+        Run folders: paths, values of `fembridge.build_deck`, or a list of these.
+    solver
+        Threads, simultaneous runs, limits and cache. Default: one run at a time, no time
+        limit.
+    force
+        Whether to solve also folders with complete results, without the cache.
+        Default: False.
+
+    Raises
+    ------
+    ResultError
+        A folder without ``run.toml``; raised before any run.
+    UsageError
+        `folders` is of another type, or the cache folder is no cache.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> [folder] = fb.build_deck("sine_20_250", "runs")
+    >>> [outcome] = fb.run(folder)  # with CalculiX installed, outcome.accepted is True
+    """
+    is_one = isinstance(folders, str | os.PathLike | RunFolder)
+    items: Sequence[RunPath] = [folders] if is_one else folders  # type: ignore[list-item,assignment] # narrowed
+    if not isinstance(items, Iterable):
+        raise UsageError(
+            argument="folders", found=folders, expected="a run folder, or a list of these"
+        )
+    check_type("solver", solver, Solver)
+    runs = [item if isinstance(item, RunFolder) else Path(item) for item in items]
+    for item in runs:
+        if isinstance(item, Path):
+            check_run_folder(item)
+    settings = replace(solver, cache=False) if force else solver
+    return run_folders(runs, settings, force=force)
+
+
 def run_folders(
-    folders: Iterable[Path | RunFolder], settings: SolverSettings = DEFAULTS, *, force: bool = False
+    folders: Iterable[Path | RunFolder], settings: Solver = DEFAULTS, *, force: bool = False
 ) -> list[Outcome]:
     """Outcomes of the runs in `folders`, in that order; a duplicate folder is run once.
 
@@ -139,7 +210,7 @@ def run_folders(
             halt.set()
 
 
-def load_solver(name: str) -> Solver:
+def load_solver(name: str) -> SolverFunction:
     """The function that runs the solver `name`."""
     if name == "calculix":
         return run_ccx
@@ -147,30 +218,35 @@ def load_solver(name: str) -> Solver:
 
     rows = importlib.metadata.entry_points(group=ENTRY_POINTS)
     for row in rows.select(name=name):
-        loaded: Solver = row.load()
+        loaded: SolverFunction = row.load()
         return loaded
     if name in DIALECTS:
         raise MissingError(
             f"{name.capitalize()} is not run by fembridge: start it in the run folder with "
-            f"{DIALECTS[name].how_to_run}"
+            f"{DIALECTS[name].how_to_run}",
+            found=name,
         )
-    names = ", ".join(sorted({"calculix", *rows.names}))
-    raise MissingError(f"no solver {name!r}, expected one of {names}")
+    names = " or ".join(sorted({"calculix", *rows.names}))
+    raise MissingError(f"no solver {name!r}, expected {names}", found=name, expected=names)
 
 
 def run_ccx(
-    run: RunFolder, settings: SolverSettings = DEFAULTS, halt: threading.Event | None = None
+    run: RunFolder,
+    settings: Solver = DEFAULTS,
+    halt: threading.Event | None = None,
+    on_start: Callable[[], None] | None = None,
 ) -> Outcome:
     """Outcome of `run`, solved here; accepted results are next to its deck.
 
     A rejected run is an outcome, not an exception; its files are in ``failed/``, and results
     of an earlier run are untouched. When another thread sets `halt`, the solver is stopped
-    and the outcome is ``INTERRUPTED``.
+    and the outcome is ``INTERRUPTED``. `on_start` is called before the solver starts, not for
+    results from the cache.
 
     Raises
     ------
     UsageError
-        The cache folder is no cache: see `fembridge.cache.check_cache`.
+        The cache folder is no cache: see `fembridge.host.cache.check_cache`.
     """
     if settings.cache:
         cache.check_cache()
@@ -179,7 +255,7 @@ def run_ccx(
         try:
             if (program := find_ccx()) is not None:
                 with signals_as_exits(), folder_lock(run.folder, LOCK_FILE, wait=False):
-                    return _run(program, run, settings, halt)
+                    return _run(program, run, settings, halt, on_start)
             install = f"install it: {SOLVER_INSTALL_LINE}"
             failure = Failure(Cause.NO_SOLVER, "no ccx on the PATH", install)
         except MissingError as error:
@@ -190,44 +266,67 @@ def run_ccx(
 
 
 def solve_once(
-    run: RunFolder, settings: SolverSettings = DEFAULTS, halt: threading.Event | None = None
+    run: RunFolder,
+    settings: Solver = DEFAULTS,
+    halt: threading.Event | None = None,
+    on_start: Callable[[], None] | None = None,
 ) -> Outcome:
-    """Outcome of `run`, solved unless complete results of its deck exist."""
-    return finished_outcome(run) or run_ccx(run, settings, halt)
+    """Outcome of `run`, solved unless complete results of its deck exist; see `run_ccx`."""
+    return finished_outcome(run) or run_ccx(run, settings, halt, on_start)
 
 
-def warnings_of(run: RunFolder, deck: Path) -> list[str]:
+def deck_warnings(run: RunFolder, deck: Path) -> list[str]:
     """Warnings of ccx about cards that it ignores in the deck of `run`.
 
-    ccx reads the deck without analysis, for at most 30 s. Line numbers are those of `deck`,
-    from which the deck of `run` was made. Empty without ccx; where the time is over, the
-    warnings so far and a note.
+    Line numbers are those of `deck`, from which the deck of `run` was made. Empty without ccx;
+    where the time is over, the warnings so far and a note.
+    """
+    with contextlib.suppress(OSError, OutputError), working_folder(run.folder) as work:
+        paths = [path for path in run.folder.iterdir() if path.is_file()]
+        includable = [path for path in paths if path.suffix not in (".frd", ".dat", ".toml")]
+        log = read_without_analysis(run.deck.read_bytes(), includable, work)
+        if log is None:
+            return []
+        lines = [message.card and find_card(deck, message.card) for message in log.dropped]
+        prefixes = [f"line {line}: " if line else "" for line in lines]
+        numbered = zip(prefixes, log.dropped, strict=True)
+        return [
+            *(f"{prefix}CalculiX warns: {message}" for prefix, message in numbered),
+            *([unread_text()] if log.exit_code is None else []),
+        ]
+    return []
+
+
+def unread_text() -> str:
+    """The warning about a deck that `read_without_analysis` stopped."""
+    return f"CalculiX had not read the deck after {READING_S:g} s"
+
+
+def read_without_analysis(deck: bytes, includable: Iterable[Path], work: Path) -> SolverLog | None:
+    """Log of CalculiX that reads `deck` in the folder `work`; None without ccx.
+
+    It solves nothing and gets at most 30 s. The files `includable` are copied, for the deck
+    may include them.
     """
     program = find_ccx()
     if program is None:
-        return []
-    with contextlib.suppress(OSError, OutputError), working_folder(run.folder) as work:
-        for path in run.folder.iterdir():
-            if path.is_file() and path.suffix not in (".frd", ".dat", ".toml"):
-                shutil.copyfile(path, work / path.name)
-        copy, log = work / f"{JOB}.inp", work / LOG_FILE
-        copy.write_bytes(_END_STEP.sub(rb"*NO ANALYSIS\n\g<0>", copy.read_bytes()))
-        process = start(program, ["-i", JOB], work, log, threads=1)
-        try:
-            process.wait(READING_S)
-            unfinished = []
-        except subprocess.TimeoutExpired:
-            unfinished = [f"CalculiX had not read the deck after {READING_S:g} s"]
-        finally:
-            stop(process, grace_s=0)
-        messages = [
-            message for message in read_solver_log(log).dropped if _NO_ANALYSIS not in message.text
-        ]
-        lines = [message.card and find_card(deck, message.card) for message in messages]
-        prefixes = [f"line {line}: " if line else "" for line in lines]
-        numbered = zip(prefixes, messages, strict=True)
-        return [*(f"{at}CalculiX warns: {message}" for at, message in numbered), *unfinished]
-    return []
+        return None
+    for path in includable:
+        if path.name != f"{JOB}.inp":
+            shutil.copyfile(path, work / path.name)
+    log = work / LOG_FILE
+    (work / f"{JOB}.inp").write_bytes(_END_STEP.sub(rb"*NO ANALYSIS\n\g<0>", deck))
+    process = start(program, ["-i", JOB], work, log, threads=1)
+    exit_code = None
+    try:
+        exit_code = process.wait(READING_S)
+    except subprocess.TimeoutExpired:
+        pass
+    finally:
+        stop(process, grace_s=0)
+    messages = read_solver_log(log)
+    dropped = [message for message in messages.dropped if _NO_ANALYSIS not in message.text]
+    return replace(messages, dropped=dropped, exit_code=exit_code)
 
 
 def finished_outcome(run: RunFolder) -> Outcome | None:
@@ -259,7 +358,7 @@ class Watchdog:
     passes the time in seconds since the start.
     """
 
-    def __init__(self, work: Path, run: RunFolder, settings: SolverSettings) -> None:
+    def __init__(self, work: Path, run: RunFolder, settings: Solver) -> None:
         self._work, self._run, self._settings = work, run, settings
         self._sizes: dict[str, int] = {}
         self._grown_at_s = 0.0
@@ -327,7 +426,11 @@ class Watchdog:
 
 
 def _run(
-    program: Path, run: RunFolder, settings: SolverSettings, halt: threading.Event | None
+    program: Path,
+    run: RunFolder,
+    settings: Solver,
+    halt: threading.Event | None,
+    on_start: Callable[[], None] | None,
 ) -> Outcome:
     """Outcome of a run in the locked folder: solved, judged, files moved to their place."""
     work = run.folder / WORK_FOLDER
@@ -341,6 +444,8 @@ def _run(
     except OutputError:  # an incomplete deck or cache entry on a full disk
         shutil.rmtree(work, ignore_errors=True)
         raise
+    if on_start is not None:
+        on_start()
     watchdog = Watchdog(work, run, settings)
     begin_s = time.monotonic()
     arguments = ["-i", os.path.join(WORK_FOLDER, JOB)]  # noqa: PTH118 - an argument of ccx
@@ -472,7 +577,7 @@ def _watch(
             if failure is not None:
                 stop(process)
     if on_progress is not None:
-        on_progress(replace(progress, ended=True))
+        on_progress(replace(progress, has_ended=True))
     return failure
 
 

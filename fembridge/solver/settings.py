@@ -1,13 +1,14 @@
-"""Settings and progress of a solver run; imports nothing heavy."""
+"""Settings of a solver run; imports nothing heavy."""
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from numbers import Integral, Real
 from pathlib import Path
 
 from fembridge.errors import UsageError
-from fembridge.machine import cores
-from fembridge.solver.process import THREAD_VARIABLE
+from fembridge.host.machine import cores
+from fembridge.host.process import THREAD_VARIABLE
+from fembridge.host.progress import OnProgress
 
 STALL_LIMIT_S = 600.0
 """Longest time without a growing file; an iteration of the finest finger takes 1 s."""
@@ -19,60 +20,43 @@ ITERATION_LIMIT = 200
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
-    """Progress of the run in `folder`.
-
-    `increment` of `increments` have converged, up to `time_ms` of `end_ms`;
-    `iterations` counts all iterations, `iterations_here` those of the current attempt.
-    `ended` marks the last report of a run, accepted or not.
-    """
-
-    folder: Path
-    increment: int
-    increments: int
-    time_ms: float
-    end_ms: float
-    iterations: int
-    iterations_here: int
-    elapsed_s: float
-    ended: bool = False
-
-    @property
-    def fraction(self) -> float:
-        """Share of the simulated time that is solved, 0 to 1."""
-        return min(1.0, max(0.0, self.time_ms / self.end_ms)) if self.end_ms else 0.0
-
-    @property
-    def left_s(self) -> float | None:
-        """Estimated seconds to the end at the pace so far; None before the first increment."""
-        done = self.fraction
-        return self.elapsed_s * (1.0 - done) / done if done > 0 else None
-
-
-OnProgress = Callable[[Progress], None]
-"""Called with the progress of a run, from the thread that runs it."""
-
-
-@dataclass(frozen=True, slots=True)
-class SolverSettings:
-    """How the solver is run: threads, simultaneous runs, limits, progress and cache.
+class Solver:
+    """How the solver is run: threads, simultaneous runs, limits, cache, folder and progress.
 
     Parameters
     ----------
     threads
-        Threads of each run. None (default): as in the environment.
+        Threads of each run. Default: None, the value of ``OMP_NUM_THREADS``, else all cores
+        shared by the simultaneous runs.
     jobs
-        Runs at the same time. Default: 1.
+        Number of runs at the same time. Default: 1.
     time_limit_s
-        Longest run in s. None (default): no limit.
+        Longest run in s. Default: None, no limit.
     stall_limit_s
         Longest time in s without a growing file. Default: 600; None: no limit.
     iteration_limit
-        Most iterations of one attempt at an increment. Default: 200; None: no limit.
-    on_progress
-        Called at least every second and at the end of a run. Default: None.
+        Largest number of iterations of one attempt at an increment. Default: 200; None: no
+        limit.
     cache
-        Reuse results of the same deck from this machine's cache. Default: True.
+        Whether to reuse results of the same deck from the cache of this machine.
+        Default: True.
+    runs_folder
+        Folder in which the run folders are kept. Default: None, a temporary folder, which is
+        removed at the end. `fembridge.run` ignores it: its run folders exist.
+    on_progress
+        Function that is called with a `fembridge.host.progress.Progress` at least every
+        second and at the end of each run. Default: None.
+
+    Raises
+    ------
+    UsageError
+        A number of threads or jobs, or a limit, that is not more than 0.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> fb.Solver(jobs=2, time_limit_s=3600).iteration_limit
+    200
     """
 
     threads: int | None = None
@@ -80,20 +64,32 @@ class SolverSettings:
     time_limit_s: float | None = None
     stall_limit_s: float | None = STALL_LIMIT_S
     iteration_limit: int | None = ITERATION_LIMIT
-    on_progress: OnProgress | None = None
     cache: bool = True
+    runs_folder: str | os.PathLike[str] | None = None
+    on_progress: OnProgress | None = None
 
     def __post_init__(self) -> None:
         for name in ("threads", "jobs", "time_limit_s", "stall_limit_s", "iteration_limit"):
             limit = getattr(self, name)
-            if limit is not None and not limit > 0:
-                raise UsageError(f"{name} is {limit}, expected more than 0")
+            kind, kind_name = (
+                (Real, "a number") if name.endswith("_s") else (Integral, "a whole number")
+            )
+            if limit is not None and (not isinstance(limit, kind) or not float(limit) > 0):
+                raise UsageError(argument=name, found=limit, expected=f"{kind_name}, more than 0")
+        if self.runs_folder is not None:
+            object.__setattr__(self, "runs_folder", Path(self.runs_folder))
 
-    def shared_by(self, runs: int) -> "SolverSettings":
-        """Settings for simultaneous `runs`, which share the cores unless threads are set."""
+    def shared_by(self, runs: int) -> "Solver":
+        """Settings for simultaneous runs, which share the cores unless threads are set.
+
+        Parameters
+        ----------
+        runs
+            Number of simultaneous runs.
+        """
         if self.threads is not None or os.environ.get(THREAD_VARIABLE):
             return self
         return replace(self, threads=max(1, cores() // runs))
 
 
-DEFAULTS = SolverSettings()
+DEFAULTS = Solver()

@@ -17,11 +17,14 @@ from pathlib import Path
 
 from decks.dialects import JOB
 from fembridge.errors import ResultError, SolverError
+from fembridge.host.process import CANNOT_RUN
+from fembridge.io.run_folder import RunFolder
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.frd import FrdIndex
 from fembridge.results.status import StaRow, read_sta
-from fembridge.run_folder import RunFolder
-from fembridge.solver.process import CANNOT_RUN
+
+MATRIX_SUFFIX = ".sti"
+"""Suffix of the stiffness matrix that ``SOLVER=MATRIXSTORAGE`` writes."""
 
 OUT_OF_MEMORY_EXIT = 16
 CANNOT_EXECUTE = 126  # exit code of shells for a file that is not executable
@@ -145,13 +148,34 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Outcome of one run of `folder`: accepted when `failure` is None.
+    """Outcome of one run, accepted where `failure` is None.
 
-    `exit_code` is negative for a signal and None when nothing was started.
-    `increments` counts the converged ones, `iterations` all of them. `wall_s` is the duration
-    in s. `skipped`: results of the same deck were in the folder, or, `cached`, in the cache.
-    `as_built`: the deck has the checksum in ``run.toml``. `warnings` are those of ccx about
-    a base deck.
+    Parameters
+    ----------
+    folder
+        Run folder.
+    failure
+        Cause and finding of the rejection. Default: None, the run is accepted.
+    skipped
+        Whether results of the same deck were in the folder. Default: False.
+    cached
+        Whether the results come from the cache. Default: False.
+    version
+        Version of the solver. Default: None, unknown.
+    exit_code
+        Exit code of the solver, negative for a signal. Default: None, no solver was started.
+    wall_s
+        Duration in s. Default: 0.
+    increments
+        Number of converged increments. Default: 0.
+    iterations
+        Number of iterations in all. Default: 0.
+    threads
+        Threads of the solver. Default: None, as the environment sets them.
+    as_built
+        Whether the deck has the checksum in ``run.toml``. Default: True.
+    warnings
+        Warnings of ccx about a user's own deck. Default: none.
     """
 
     folder: Path
@@ -171,6 +195,9 @@ class Outcome:
     def accepted(self) -> bool:
         """Whether the results exist and are complete."""
         return self.failure is None
+
+    def __repr__(self) -> str:
+        return f"Outcome({self})"
 
     def __str__(self) -> str:
         if self.failure is not None:
@@ -221,7 +248,8 @@ class LogMessage:
 class SolverLog:
     """Errors, warnings about ignored cards, last lines and version in a solver log.
 
-    `no_room` is the line about a full disk.
+    `no_room` is the line about a full disk. `exit_code` is None for a solver that
+    was stopped, and for a log alone.
     """
 
     errors: Sequence[LogMessage] = ()
@@ -229,6 +257,7 @@ class SolverLog:
     end: str = NO_OUTPUT
     version: str | None = None
     no_room: str | None = None
+    exit_code: int | None = None
 
 
 def read_solver_log(path: Path) -> SolverLog:
@@ -385,6 +414,8 @@ def _from_results(work: Path, run: RunFolder, unfinished: Failure | None) -> Fai
     if unfinished is not None:
         return unfinished
     last_block = index.blocks[-1] if index.blocks else None
+    if not run.increments and (work / f"{JOB}{MATRIX_SUFFIX}").is_file():
+        return None  # a stiffness matrix, and a mesh without results
     if last_block is None:
         finding = f"{path.name} has a mesh and no results"
         remedy = "request *NODE OUTPUT or *ELEMENT OUTPUT in the deck"

@@ -145,11 +145,14 @@ def fingers_of(
     return tuple(variants)
 
 
-def combinations(tables: Sequence[Mapping[str, object]]) -> list[dict[str, Value]]:
-    """Each combination of the lists in each of `tables`; the last list varies fastest."""
+def combinations(tables: Mapping[str, Mapping[str, object]]) -> list[dict[str, Value]]:
+    """Each combination of the lists in each of `tables`; the last list varies fastest.
+
+    A key of `tables` is the section of the study that has the table, as ``probes 1``.
+    """
     grids = []
-    for number, table in enumerate(tables, start=1):
-        with located_errors(str(number)):
+    for section, table in tables.items():
+        with located_errors(section):
             grids.append({name: _values(name, value) for name, value in table.items()})
     check_points(sum(math.prod(map(len, grid.values())) for grid in grids))
     return [
@@ -159,48 +162,61 @@ def combinations(tables: Sequence[Mapping[str, object]]) -> list[dict[str, Value
     ]
 
 
+def numbered(section: str, tables: Sequence[Table]) -> dict[str, Table]:
+    """`tables` of a list by their place in the study, as ``probes 1``."""
+    return {f"{section} {number}": table for number, table in enumerate(tables, start=1)}
+
+
 def check_points(count: int) -> None:
     """Raise UsageError for more than `MAX_POINTS` points."""
     if count > MAX_POINTS:
         raise UsageError(
             f"{count} points (stimuli x fingers x probes x contacts x depths x "
-            f"methods), expected at most {MAX_POINTS}"
+            f"methods), expected at most {MAX_POINTS}",
+            found=count,
+            expected=f"at most {MAX_POINTS}",
         )
 
 
-def check_below(name: str) -> None:
-    """Raise UsageError for a file that is not below the study's folder."""
+def check_below(key: str, name: str) -> None:
+    """Raise UsageError for a file, of a `key`, that is not below the study's folder."""
     path = PurePosixPath(name)
     if path.is_absolute() or ".." in path.parts or "\0" in name or not name:
-        raise UsageError(
-            f"{name!r}, expected a built-in name or a file below the folder of the study"
-        )
+        expected = "a built-in name or a file below the folder of the study"
+        raise UsageError(key=key, found=name, expected=expected)
 
 
 @contextmanager
 def located_errors(location: str) -> Iterator[None]:
-    """Prefix errors raised in the block with `location`, a place in the study."""
+    """Errors raised in the block are about keys below `location`, a section of the study."""
     try:
         yield
     except FembridgeError as error:
-        raise UsageError(f"{location}: {error}") from error
+        raise UsageError.from_error(error, section=location) from error
 
 
 def _entry_rows(entry: FingersTable, base: Variant) -> tuple[Sequence[Table], Sequence[str]]:
     """Changes of each finger of an entry, and for a design their names."""
     keys = [key for key in ("grid", "rows", "ranges") if getattr(entry, key) is not None]
     if len(keys) > 1:
-        raise UsageError(f"{' and '.join(keys)}, expected one of them")
+        raise UsageError(f"cannot be combined with {keys[0]}", key=keys[1])
     if entry.sites not in (None, *_SITES):
-        raise UsageError(f"sites: {entry.sites!r}, expected {' or '.join(_SITES)}")
+        raise UsageError(key="sites", found=entry.sites, expected=" or ".join(_SITES))
     if entry.ranges is not None:
-        return _design_rows(entry, _flattened(entry.ranges), base)
-    if any(value is not None for value in (entry.design, entry.samples, entry.seed)):
-        raise UsageError("design, samples and seed: only with ranges")
-    tables = [entry.grid or {}] if entry.rows is None else entry.rows
+        with located_errors("ranges"):
+            ranges = _flattened(entry.ranges)
+        return _design_rows(entry, ranges, base)
+    for key in ("design", "samples", "seed"):
+        if getattr(entry, key) is not None:
+            raise UsageError("is for ranges only", key=key)
+    tables = {"grid": entry.grid or {}} if entry.rows is None else numbered("rows", entry.rows)
     if not tables:
-        raise UsageError("rows: none, expected one or more")
-    return combinations([_flattened(table) for table in tables]), ()
+        raise UsageError(key="rows", found=[], expected="one or more")
+    flat_tables = {}
+    for section, table in tables.items():
+        with located_errors(section):
+            flat_tables[section] = _flattened(table)
+    return combinations(flat_tables), ()
 
 
 def _design_rows(
@@ -210,27 +226,28 @@ def _design_rows(
     one_by_one = entry.design == ONE_AT_A_TIME and entry.samples is entry.seed is None
     if not one_by_one and entry.design != LATIN_HYPERCUBE:
         raise UsageError(
-            f"design: {entry.design or ''!r}, expected {ONE_AT_A_TIME} without samples and seed "
-            f"or {LATIN_HYPERCUBE}"
+            key="design",
+            found=entry.design or "",
+            expected=f"{ONE_AT_A_TIME} without samples and seed or {LATIN_HYPERCUBE}",
         )
     samples, seed = entry.samples or 0, entry.seed or 0
     for key, count, lowest in (("samples", samples, 2), ("seed", seed, 0)):
         if not one_by_one and not lowest <= count <= MAX_POINTS:
-            raise UsageError(f"{key}: {count}, expected {lowest} to {MAX_POINTS}")
+            raise UsageError(key=key, found=count, expected=f"{lowest} to {MAX_POINTS}")
     if not spans:
-        raise UsageError("ranges: none, expected one or more")
+        raise UsageError(key="ranges", found={}, expected="one or more")
     base, ranges = {}, {}
     for name, span in spans.items():
-        with located_errors(f"ranges: {name}"):
+        with located_errors("ranges"):
             value = finger.value(name)
             if name.startswith(CONTACT_PREFIX):
                 value = getattr(LADDER[0], name.removeprefix(CONTACT_PREFIX), None)
             number = float(value) if isinstance(value, int | float) else None
-            ranges[name] = range_of(span, number)
+            ranges[name] = range_of(name, span, number)
             if number is not None:
                 base[name] = number
             elif one_by_one:
-                raise UsageError("the base has no number of this name")
+                raise UsageError("is no number of the base", key=name)
     if not one_by_one:
         rows = latin_hypercube(ranges, samples, seed)
         return rows, [f"sample {k} of {samples}" for k in range(1, samples + 1)]
@@ -245,9 +262,12 @@ def _read_base(entry: FingersTable, folder: Path) -> Variant:
     """Base finger of an entry, a preset or a file."""
     if entry.base in PRESETS:
         return Variant(entry.base, PRESETS[entry.base])
-    check_below(entry.base)
+    check_below("base", entry.base)
     path = folder / entry.base
-    return Variant(path.stem, read_finger(str(path)))
+    try:
+        return Variant(path.stem, read_finger(str(path)))
+    except UsageError as error:
+        raise UsageError(key="base", found=entry.base, expected=error.expected) from error
 
 
 def _variants(
@@ -277,9 +297,11 @@ def _variants(
             varied = finger_with(finger, _nested(row))
             varied = anchored(varied, _anchors_of_row(anchors, row, follows))
         except FingerError as error:
-            location = f"choose narrower ranges: {label}" if label else ""
-            location = location or ", ".join(f"{key} = {value!r}" for key, value in row.items())
-            raise FingerError(f"{location}: {error}" if location else str(error)) from error
+            changes = label or ", ".join(f"{key} = {value!r}" for key, value in row.items())
+            failure = FingerError.from_error(error, section="")
+            failure.problem += f" ({changes})" if changes else ""
+            failure.problem += "; choose narrower ranges" if label else ""
+            raise failure from error
         variants.append(Variant(base.label, varied, row, label))
     return variants
 
@@ -298,9 +320,9 @@ def _anchors_of_row(
             continue
         distance_mm = row[key]
         if positioned:
-            raise FingerError(f"{key} together with {positioned.pop()}, expected one")
+            raise FingerError(f"cannot be combined with {positioned.pop()}", key=key)
         if not isinstance(distance_mm, float | int) or distance_mm <= 0:
-            raise FingerError(f"{key}: {distance_mm!r}, expected a number > 0")
+            raise FingerError(key=key, found=distance_mm, expected="a number > 0")
         selected[name] = replace(anchor, distance_mm=float(distance_mm))
     return selected
 
@@ -324,14 +346,14 @@ def _flattened(table: Mapping[str, object], prefix: str = "") -> Table:
     for key, value in table.items():
         name = f"{prefix}{key}"
         if value == {}:
-            raise UsageError(f"{name}: an empty section, expected a key")
+            raise UsageError("is an empty section, expected a key", key=name)
         inner = _flattened(value, f"{name}.") if isinstance(value, Mapping) else {name: value}
         for dotted, leaf in inner.items():
             if "." not in dotted:
-                raise UsageError(f"{dotted!r}, expected section.key, as skin.epidermis_mm")
+                raise UsageError("lacks a section, as skin.epidermis_mm has", key=dotted)
             for other in flat:  # equal, or one is a section of the other
                 if f"{dotted}.".startswith(f"{other}.") or f"{other}.".startswith(f"{dotted}."):
-                    raise UsageError(f"{dotted}: a duplicate of {other}")
+                    raise UsageError(f"is a duplicate of {other}", key=dotted)
             flat[dotted] = leaf
     return flat
 
@@ -341,14 +363,16 @@ def _values(name: str, value: object) -> list[Value]:
     values: list[Any] = value if isinstance(value, list) else [value]
     for item in values:
         if type(item) not in (int, float, str) or item in (math.inf, -math.inf) or item != item:
-            raise UsageError(f"{name}: {item!r}, expected a finite number or a string")
+            raise UsageError(key=name, found=item, expected="a finite number or a string")
     if not values or len(set(values)) < len(values):
-        raise UsageError(f"{name}: expected one or more values, none of them a duplicate")
+        raise UsageError(
+            key=name, found=values, expected="one or more values, none of them a duplicate"
+        )
     return values
 
 
 @dataclass(frozen=True, slots=True)
-class Range:
+class Interval:
     """Values from `low` to `high`, even in the value or in its logarithm."""
 
     low: float
@@ -362,24 +386,28 @@ class Range:
         return _rounded(self.low + share * (self.high - self.low))
 
 
-def range_of(span: object, base: float | None) -> Range:
-    """Range of a study's `span` for a parameter with the value `base`."""
+def range_of(name: str, span: object, base: float | None) -> Interval:
+    """Range of a study's `span` for the parameter `name` with the value `base`."""
     if isinstance(span, list) and all(type(limit) in (int, float) for limit in span):
         if len(span) == 2 and -math.inf < span[0] < span[1] < math.inf:
-            return Range(float(span[0]), float(span[1]))
+            return Interval(float(span[0]), float(span[1]))
     elif base is not None and base > 0 and (match := _RELATIVE_RANGE.fullmatch(str(span))):
         share, factor = float(match[1] or 0) / 100, float(match[2] or 0)
         if 0 < share < 1:
-            return Range(_rounded(base * (1 - share)), _rounded(base * (1 + share)))
+            return Interval(_rounded(base * (1 - share)), _rounded(base * (1 + share)))
         if factor > 1:
-            return Range(_rounded(base / factor), _rounded(base * factor), logarithmic=True)
-    raise UsageError(
-        f"{span!r} of the base's {base}, expected [from, to], as [0.9, 1.3]; of a base above 0 "
-        "also '20 %', below 100 %, or 'factor 2', above 1"
+            return Interval(_rounded(base / factor), _rounded(base * factor), logarithmic=True)
+    expected = (
+        "[from, to], as [0.9, 1.3]; for a base above 0 also '20 %', below 100 %, or 'factor 2', "
+        "above 1"
     )
+    problem = f"is {span!r} for a base of {base}, expected {expected}"
+    raise UsageError(problem, key=name, found=span, expected=expected)
 
 
-def one_at_a_time(base: Mapping[str, float], ranges: Mapping[str, Range]) -> list[dict[str, float]]:
+def one_at_a_time(
+    base: Mapping[str, float], ranges: Mapping[str, Interval]
+) -> list[dict[str, float]]:
     """The base, then each parameter at its low and high value, the others as in the base.
 
     A value equal to the base's is left out.
@@ -390,7 +418,9 @@ def one_at_a_time(base: Mapping[str, float], ranges: Mapping[str, Range]) -> lis
     return rows
 
 
-def latin_hypercube(ranges: Mapping[str, Range], samples: int, seed: int) -> list[dict[str, float]]:
+def latin_hypercube(
+    ranges: Mapping[str, Interval], samples: int, seed: int
+) -> list[dict[str, float]]:
     """Fingers of a Latin hypercube: one in each of `samples` slices of each range.
 
     Up to 200 samples, correlation between parameters is minimised (``random-cd`` of SciPy). The
@@ -431,7 +461,13 @@ class Anchor:
 def anchor_of(finger: Finger, name: str) -> Anchor:
     """Nearest boundary of afferent `name` of `finger`, and its distance."""
     if name not in finger.afferents:
-        raise FingerError(f"afferent {name!r}, expected one of {', '.join(finger.afferents)}")
+        expected = f"one of {', '.join(finger.afferents)}"
+        raise FingerError(
+            f"is an unknown afferent, expected {expected}",
+            key=f"afferents.{name}",
+            found=name,
+            expected=expected,
+        )
     site = finger.afferents[name]
     top_mm, bottom_mm = _span_mm(section_of(finger), site)
     _check_inside(name, site, top_mm, bottom_mm)
@@ -455,9 +491,12 @@ def anchored(finger: Finger, anchors: Mapping[str, Anchor]) -> Finger:
 
 def _check_inside(name: str, site: AfferentSite, top_mm: float, bottom_mm: float) -> None:
     if not top_mm < site.depth_mm < bottom_mm:
+        expected = f"inside the {site.layer}, {top_mm:.4g} to {bottom_mm:.4g} mm deep there"
         raise FingerError(
-            f"afferent {name} at depth {site.depth_mm:g} mm is not inside the "
-            f"{site.layer}, {top_mm:.4g} to {bottom_mm:.4g} mm deep there"
+            f"is {site.depth_mm:g} mm, expected {expected}",
+            key=f"afferents.{name}.depth_mm",
+            found=site.depth_mm,
+            expected=expected,
         )
 
 
@@ -481,5 +520,7 @@ def _depth_mm(section: Section, curve: DepthOfArc, x_mm: float) -> float:
     point_mm = section.curve(curve, arc_mm)
     pad_mm = point_mm[: int(point_mm[:, 0].argmax()) + 1]
     if abs(x_mm) > pad_mm[-1, 0]:
-        raise FingerError(f"x = {x_mm:g} mm: expected within {pad_mm[-1, 0]:.3g} mm of the middle")
+        raise FingerError(
+            argument="x_mm", found=x_mm, expected=f"within {pad_mm[-1, 0]:.3g} mm of the middle"
+        )
     return float(np.interp(abs(x_mm), pad_mm[:, 0], -pad_mm[:, 1]))

@@ -26,10 +26,10 @@ import threading
 import time
 import traceback
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor, Future
 from contextlib import AbstractContextManager, ExitStack, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import timedelta
 from functools import cache, cached_property
 from itertools import chain, product
@@ -39,15 +39,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
-from decks.analysis import Contact, Model
+from decks.contact_analysis import Contact, Model
 from decks.finger import Finger
 from decks.mesh import Mesh, read_mesh, write_mesh
 from decks.presets import finger_table, mesh_of
 from decks.probe import Probe
 from decks.stimuli import Entry
-from decks.waveform import make_stimulus
-from fembridge.build import stimulus_inputs
-from fembridge.cache import check_cache
+from decks.synthesis import make_stimulus
 from fembridge.errors import (
     FembridgeError,
     FingerError,
@@ -57,15 +55,12 @@ from fembridge.errors import (
     ResponseError,
     UsageError,
 )
-from fembridge.executor import LocalExecutor, WorkerDiedError, dask_executor, finished, send
-from fembridge.machine import SOLVER_INSTALL_LINE, find_ccx, version_of
-from fembridge.response.indentation import depth_for, solve_response
-from fembridge.response.response_map import MAP_FILE, ResponseMap, read_map, stored_response
-from fembridge.simulation import SPIKES_FILE, Simulation, encode_all, solve_transients
-from fembridge.solver.process import signals_as_exits
-from fembridge.solver.settings import Progress, SolverSettings
-from fembridge.stimulus import Stimulus
-from fembridge.store import (
+from fembridge.host.cache import check_cache
+from fembridge.host.executor import LocalExecutor, WorkerDiedError, dask_executor, finished, send
+from fembridge.host.machine import SOLVER_INSTALL_LINE, find_ccx, version_of
+from fembridge.host.process import signals_as_exits
+from fembridge.host.progress import Progress
+from fembridge.host.store import (
     SHORT,
     digest,
     filling,
@@ -77,10 +72,28 @@ from fembridge.store import (
     write_sealed,
     write_text,
 )
+from fembridge.host.terminal import Bars, how_far
+from fembridge.io.spike_table import write_spikes
+from fembridge.io.text_table import read_table, write_table
+from fembridge.plots.shown import Shown
+from fembridge.response.indentation import depth_for, solve_response
+from fembridge.response.response_map import MAP_FILE, ResponseMap, read_map, stored_response
+from fembridge.simulation.folder import SPIKES_FILE
+from fembridge.simulation.simulation import Simulation, encode_all
+from fembridge.simulation.transients import solve_transients
+from fembridge.solver.build import stimulus_inputs
+from fembridge.solver.settings import Solver
+from fembridge.stimulus import Stimulus
 from fembridge.sweeps.fingers import Variant, located_errors
-from fembridge.sweeps.study import ContactOptions, Study, contact_ladder, read_study
-from fembridge.tables import write_spikes, write_table
-from fembridge.terminal import Bars, how_far
+from fembridge.sweeps.own_decks import DeckModel, solve_map
+from fembridge.sweeps.study_file import (
+    ContactOptions,
+    Study,
+    contact_ladder,
+    read_study,
+    study_from,
+    study_from_frame,
+)
 from fembridge.typing import Table
 from fembridge.version import __version__
 from neural import Parameters
@@ -89,6 +102,9 @@ from neural.rates import spikes_inside
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
+
+    from fembridge.plots.style import Panels
 
 EXECUTORS = ("local", "dask")
 _CLUSTER_TASKS = 1000  # tasks submitted to a cluster at a time: more than its workers
@@ -135,7 +151,7 @@ class _Keyed:
         return digest(self.inputs())
 
     @property
-    def place(self) -> Path:
+    def run_folder(self) -> Path:
         """Folder of the task, relative to that of the sweep."""
         return Path(self.parent, self.key[:SHORT])
 
@@ -173,12 +189,46 @@ class Response(_Keyed):
         """Response map from the sweep's `folder`, or the stored response."""
         if self.solver == STORED:
             return stored_response(self.finger, self.probe, self.element, depth_um=self.depth_um)
-        return read_map(folder / self.place / MAP_FILE)
+        return read_map(folder / self.run_folder / MAP_FILE)
 
     def is_finished(self, folder: Path) -> bool:
         """Whether the sweep's `folder` has the response map, or it is stored."""
         with suppress(ResponseError):
             return self.solver == STORED or bool(self.read(folder))
+        return False
+
+
+@dataclass(frozen=True, eq=False)
+class DeckTask(_Keyed):
+    """The response map of a user's deck: one that exists, or one that is solved once.
+
+    `made_from` are the inputs of the map, `options` the arguments of `fembridge.map_deck`, `units`
+    class and unit of each afferent.
+    """
+
+    deck: DeckModel
+    made_from: Table
+    options: Mapping[str, Any]
+    units: tuple[tuple[str, str], ...]
+    solver: str
+    label: str = ""
+    parent: ClassVar[str] = _SOLVES
+
+    def inputs(self) -> Table:
+        """All inputs of the task."""
+        solver = {} if self.deck.is_map else {"solver": self.solver, "fembridge": __version__}
+        return {"format": FORMAT, **solver, **self.made_from}
+
+    def read(self, folder: Path) -> ResponseMap:
+        """The map of the entry, or that in the sweep's `folder`."""
+        if self.deck.is_map:
+            return self.deck.read_map()
+        return read_map(folder / self.run_folder)
+
+    def is_finished(self, folder: Path) -> bool:
+        """Whether the map exists."""
+        with suppress(ResponseError):
+            return bool(self.read(folder))
         return False
 
 
@@ -190,7 +240,7 @@ class Item(_Keyed):
     numbers in `parameters`, not on `parameters_name`.
     """
 
-    response: Response
+    response: Response | DeckTask
     method: str
     entries: tuple[Entry, ...]
     preindent_um: float
@@ -235,7 +285,7 @@ class Item(_Keyed):
 
     def is_finished(self, folder: Path) -> bool:
         """Whether the sweep's `folder` has all files of the item, with their checksums."""
-        item_folder = folder / self.place
+        item_folder = folder / self.run_folder
         try:
             record = read_sealed(item_folder / RECORD_FILE, "record of an item", FORMAT)
             return record["key"] == self.key and all(
@@ -248,7 +298,7 @@ class Item(_Keyed):
         return self.label
 
 
-Task = Response | Item
+Task = Response | DeckTask | Item
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,70 +326,173 @@ class Plan:
     items: Mapping[str, Item]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Sweep:
-    """Result of a sweep: its table, and `causes` of failed items by their keys.
+@dataclass(frozen=True, slots=True)
+class FailedTask:
+    """An item that failed: its label, its folder relative to that of the sweep, and the cause."""
 
-    `before` items were finished when the sweep began; `rows` is the length of the table
-    `results`.
+    item: str
+    run: str
+    cause: str
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Sweep(Shown):
+    """Result of `sweep`.
+
+    Parameters
+    ----------
+    folder
+        Folder of the sweep.
+    results
+        One row per point and afferent: the varied parameters, ``stimulus, afferent,
+        rate_ips, spikes, peak_stress_pa`` (impulses/s, spikes of all cells in the counting
+        window, Pa), ``status`` (``done`` or ``failed``), ``cause`` and ``run`` (folder of the
+        item).
+    failed
+        Items that failed, in the order of the study. Default: none.
+    finished_before
+        Number of items that were finished when the sweep began. Default: 0.
     """
 
     folder: Path
-    plan: Plan
-    causes: Mapping[str, str]
-    before: int
-    rows: int
+    results: "pd.DataFrame"
+    failed: tuple[FailedTask, ...] = ()
+    finished_before: int = 0
 
     @property
-    def results(self) -> Path:
-        """Path of the table."""
-        return self.folder / RESULTS_FILE
+    def items(self) -> int:
+        """Number of items: stimuli on one response by one method."""
+        return int(self.results["run"].nunique())
 
     @property
-    def table(self) -> "pd.DataFrame":
-        """The table: one row per point and afferent."""
+    def provenance(self) -> Table:
+        """Version, solver, fingers and checksum of the study, from ``study.toml``."""
+        lines = (self.folder / STUDY_FILE).read_text(encoding="utf-8").splitlines()
+        header = [line.removeprefix("# ") for line in lines[: lines.index("")]]
+        return {"study": header[0], "versions": header[1], "inputs": header[2:]}
+
+    def _lines(self) -> list[str]:
+        done = self.items - len(self.failed)
+        lines = [f"Sweep of {len(self.results)} rows, {done} of {self.items} items done"]
+        lines += [f"  failed: {failure.item}: {failure.cause}" for failure in self.failed[:3]]
+        return [*lines, f"  {self.folder}"]
+
+    def plot(self, kind: str | None = None, ax: "Panels | None" = None) -> "Figure":
+        """Effect of each varied parameter of the finger on rates and stress.
+
+        Parameters
+        ----------
+        kind
+            ``sensitivity``, the only kind. Default: ``sensitivity``.
+        ax
+            Axes to draw into: one per class, for one-at-a-time designs first those of rates,
+            then those of stress. Default: a new figure.
+
+        Raises
+        ------
+        UsageError
+            Another kind, another number of axes, or fewer than two fingers.
+        """
+        from fembridge.plots.sensitivity_charts import effects_figure, regressions_figure
+        from fembridge.sensitivity import effects
+
+        if kind not in (None, "sensitivity"):
+            raise UsageError(argument="kind", found=kind, expected="sensitivity")
+        swept = effects.read_swept(self.folder / RESULTS_FILE)
+        if effects.is_one_at_a_time(swept):
+            return effects_figure(effects.single_effects(swept), ax)
+        return regressions_figure(effects.rank_regressions(swept), len(swept.parameters), ax)
+
+    def write(self, folder: Path | str) -> None:
+        """Copy ``results.csv`` and ``study.toml`` into `folder`, without the runs.
+
+        Parameters
+        ----------
+        folder
+            Folder of the files, which is made.
+
+        Raises
+        ------
+        OutputError
+            The folder cannot be written.
+        """
+        with filling(Path(folder), last=RESULTS_FILE) as draft:
+            for name in (STUDY_FILE, RESULTS_FILE):
+                write_text(draft / name, (self.folder / name).read_text(encoding="utf-8"))
+
+    @classmethod
+    def read(cls, folder: Path | str) -> "Sweep":
+        """Sweep from its folder, or from one that `write` wrote.
+
+        Parameters
+        ----------
+        folder
+            Folder with ``results.csv`` and ``study.toml``.
+
+        Raises
+        ------
+        TableError
+            No ``results.csv``, or not one of a sweep.
+        """
         import pandas as pd
 
-        return pd.read_csv(self.results)
-
-    @property
-    def failed(self) -> tuple[Item, ...]:
-        """Items that failed, in the order of the study."""
-        return tuple(item for key, item in self.plan.items.items() if key in self.causes)
+        path = Path(folder) / RESULTS_FILE
+        read_table(path).check_header((*ANSWER_COLUMNS, "status", "run"))
+        results = pd.read_csv(path)
+        rows = results[results["status"] == "failed"].drop_duplicates("run")
+        failed = tuple(
+            FailedTask(str(run), str(run), str(cause))
+            for run, cause in zip(rows["run"], rows["cause"], strict=True)
+        )
+        return cls(Path(folder), results, failed)
 
 
 def sweep(
-    study: Study | Path | str,
+    study: "Study | Path | str | Mapping[str, Any] | pd.DataFrame",
     output: Path | str = "sweep",
     *,
     jobs: int = 1,
     executor: str = "local",
     scheduler: str | None = None,
     threads: int | None = None,
-    shows: bool = False,
+    show_progress: bool = False,
 ) -> Sweep:
     """Table of rates and stresses for all combinations in a study; each response is solved once.
 
-    A sweep resumes an earlier one in `output`. ``results`` is the path of the table, ``failed``
-    lists failed items and ``causes`` the reasons: a failed item raises no error.
+    A sweep resumes an earlier one in `output`. A failed item raises no error: ``failed`` lists
+    it with its cause.
 
     Parameters
     ----------
     study
-        A `Study` or the path of its TOML file.
+        The path of a TOML file, a dict with the same keys (file names relative to the current
+        folder), a `Study`, or a DataFrame with one row per point. Keys: ``stimuli``, ids or
+        sets; ``fingers``, names, or tables of a ``base`` and one of ``grid`` (every combination
+        of the listed values, as in the example), ``rows`` or ``ranges``; ``probes`` and
+        ``contacts``, tables of the arguments of `fembridge.Probe` and `fembridge.Contact`,
+        with lists for every combination; ``methods``; ``preindent_um``; ``parameters``;
+        ``seed``; ``element``; ``stored``; ``name``. Columns of the DataFrame:
+        ``stimulus``, and optionally ``finger``, ``method``, ``preindent_um``, ``probe_shape``,
+        ``probe_diameter_mm``, ``probe_fillet_mm``, ``probe_x_mm`` and dotted names of
+        changes to the finger, as ``skin.epidermis_mm`` (empty: unchanged).
     output
-        Folder of the sweep; default: ``sweep``.
+        Folder of the sweep. Default: ``sweep``.
     jobs
-        Processes on this machine; default: 1.
+        Processes on this machine, 1 or more. Default: 1.
     executor
-        ``local`` (default) or ``dask``.
+        ``local``, processes on this machine, or ``dask``. Default: ``local``.
     scheduler
-        Address of a dask cluster, as ``tcp://HOST:PORT``; default: a cluster of `jobs` processes
-        on this machine. All its workers need `output` under the same path.
+        Address of a dask cluster, as ``tcp://HOST:PORT``. All its workers need `output` under
+        the same path. Default: None, a cluster of `jobs` processes on this machine.
     threads
-        Threads of each solver; default: the cores divided by `jobs`, 1 with `scheduler`.
-    shows
-        Show progress on stderr; default: no.
+        Threads of each solver. Default: None, the cores divided by `jobs`, 1 with `scheduler`.
+    show_progress
+        Show progress on stderr. Default: False.
+
+    Returns
+    -------
+    Sweep
+        ``results`` is a DataFrame with one row per point and afferent.
 
     Raises
     ------
@@ -351,23 +504,37 @@ def sweep(
     Examples
     --------
     >>> import fembridge as fb
-    >>> with open("study.toml", "w") as file:
-    ...     print('stimuli = ["sine_20_250"]', "stored = true", sep=chr(10), file=file)
-    >>> fb.sweep("study.toml", "sweep").failed
+    >>> sweep = fb.sweep({"stimuli": ["sine_20_250"], "stored": True}, "sweep")
+    >>> sweep.failed
     ()
+    >>> sweep.results["afferent"].tolist()
+    ['SA', 'RA', 'PC']
+
+    Two thicknesses of the epidermis:
+
+    >>> skins = {"base": "quick", "grid": {"skin.epidermis_mm": [0.3, 0.5]}}
+    >>> study = {"stimuli": ["sine_20_250"], "fingers": [skins]}
+    >>> sweep = fb.sweep(study, "skins")  # doctest: +SKIP
     """
     if jobs < 1:
-        raise UsageError(f"jobs: {jobs}, expected 1 or more")
+        raise UsageError(argument="jobs", found=jobs, expected="1 or more")
     if executor not in EXECUTORS:
-        raise UsageError(f"executor: {executor!r}, expected {' or '.join(EXECUTORS)}")
+        raise UsageError(argument="executor", found=executor, expected=" or ".join(EXECUTORS))
     if scheduler is not None and executor != "dask":
-        raise UsageError("scheduler: only with executor dask")
-    if not isinstance(study, Study):
+        raise UsageError("requires the executor dask", argument="scheduler")
+    if isinstance(study, str | Path):
         study = read_study(Path(study))
+    elif isinstance(study, Mapping):
+        study = study_from(study, Path.cwd())
+    elif not isinstance(study, Study):
+        if not hasattr(study, "columns"):
+            expected = "a Study, the path of a TOML file, a dict or a DataFrame"
+            raise UsageError(argument="study", found=study, expected=expected)
+        study = study_from_frame(study)
     if study.stored and threads is not None:
-        raise UsageError("--threads (threads=) is for a solver, and the study says stored")
+        raise UsageError("is for a solver, the study has stored = true", argument="threads")
     folder = make_folder(Path(output)).resolve()
-    local_threads = SolverSettings(threads=threads, jobs=jobs).shared_by(jobs).threads
+    local_threads = Solver(threads=threads, jobs=jobs).shared_by(jobs).threads
     threads = local_threads if scheduler is None else threads or 1
     causes: dict[str, str] = {}
     with ExitStack() as stack:
@@ -375,7 +542,7 @@ def sweep(
         if executor == "dask":
             cluster = stack.enter_context(dask_executor(scheduler, jobs))
         solver = STORED
-        if not study.stored:
+        if not study.stored and not (study.decks and all(deck.is_map for deck in study.decks)):
             solver = _cluster_solver(cluster) if cluster else solver_version()
         plan = make_plan(study, solver)
         unfinished = {key: item for key, item in plan.items.items() if not item.is_finished(folder)}
@@ -385,7 +552,7 @@ def sweep(
         if unfinished:
             stack.enter_context(signals_as_exits())
             display = stack.enter_context(
-                _ProgressDisplay(len(plan.items), finished_before, shows=shows)
+                _ProgressDisplay(len(plan.items), finished_before, shows=show_progress)
             )
             pool = cluster or stack.enter_context(LocalExecutor(jobs, display.follow))
             try:
@@ -395,8 +562,13 @@ def sweep(
             except KeyboardInterrupt:
                 display.print_interruption()
                 raise
-    rows = _write_results(folder, plan, causes)
-    return Sweep(folder, plan, causes, finished_before, rows)
+    _write_results(folder, plan, causes)
+    failed = tuple(
+        FailedTask(str(item), str(item.run_folder), causes[key])
+        for key, item in plan.items.items()
+        if key in causes
+    )
+    return replace(Sweep.read(folder), failed=failed, finished_before=finished_before)
 
 
 def make_plan(study: Study, solver: str) -> Plan:
@@ -448,8 +620,51 @@ def make_plan(study: Study, solver: str) -> Plan:
                     for entry in entries
                     for name in finger.afferents
                 ]
+    if study.decks:
+        rows, items = _deck_rows(study, solver, max(deepest_um.values()))
     table = pd.DataFrame(rows, dtype=object)
-    return Plan(table.drop_duplicates(["finger", "key", "stimulus", "afferent"]), items)
+    names = ["finger", "key", "stimulus", "afferent", *["unit"] * ("unit" in table)]
+    return Plan(table.drop_duplicates(names), items)
+
+
+def _deck_rows(
+    study: Study, solver: str, deepest_um: float
+) -> tuple[list[dict[str, Any]], dict[str, Item]]:
+    """Rows and items of the own decks of a study."""
+    rows: list[dict[str, Any]] = []
+    items: dict[str, Item] = {}
+    tasks: list[DeckTask] = []
+    for number, deck in enumerate(study.decks, start=1):
+        with located_errors(f"base_decks {number}"):
+            made_from, units, options = deck.plan(deepest_um)
+        tasks.append(DeckTask(deck, made_from, options, units, solver, deck.label))
+    has_units = any(unit for task in tasks for _, unit in task.units)
+    for task, preindent_um in product(tasks, study.preindents_um):
+        item = Item(
+            task,
+            "map",
+            study.stimuli,
+            preindent_um,
+            study.seed,
+            study.parameters.parameters,
+            study.parameters.name,
+            f"{task.label}, map, pre-indented by {preindent_um:g} um",
+        )
+        items.setdefault(item.key, item)
+        rows += [
+            {
+                "finger": task.label,
+                "preindent_um": preindent_um,
+                "method": "map",
+                "stimulus": entry.id,
+                "afferent": afferent,
+                **({"unit": unit} if has_units else {}),
+                "key": item.key,
+            }
+            for entry in study.stimuli
+            for afferent, unit in task.units
+        ]
+    return rows, items
 
 
 def _columns(
@@ -507,7 +722,7 @@ def _run_tasks(
         if result.busy:  # another sweep runs it: retry at the end, then wait
             busy.add(task.key)
             ready.append(task)
-        elif isinstance(task, Response) and not result.cause:
+        elif isinstance(task, Response | DeckTask) and not result.cause:
             ready.extendleft(reversed(waiting.pop(task.key)))
         else:
             for item in [task] if isinstance(task, Item) else waiting.pop(task.key):
@@ -564,13 +779,18 @@ def run_task(
             raise OutputError("not found on this machine: all workers need the same folder", folder)
         finished_before = task.is_finished(folder)
         if not finished_before:
-            with _lock_task(folder / task.place, wait):
+            with _lock_task(folder / task.run_folder, wait):
                 finished_before = task.is_finished(folder)
                 if not finished_before:
-                    execute: Callable[..., None] = (
-                        _run_response if isinstance(task, Response) else _run_item
-                    )
-                    execute(task, folder, SolverSettings(threads, on_progress=on_progress))
+                    settings = Solver(threads, on_progress=on_progress)
+                    if isinstance(task, Item):
+                        _run_item(task, folder, settings)
+                    elif isinstance(task, DeckTask):
+                        _check_solver(task.solver)
+                        output = folder / task.run_folder
+                        solve_map(task.deck.path, task.options, output, settings)
+                    else:
+                        _run_response(task, folder, settings)
     except LockedError as error:
         return TaskResult(str(error), busy=True)
     except FembridgeError as error:
@@ -579,7 +799,7 @@ def run_task(
         cause = f"{error.filename or 'cannot read or write'}: {error.strerror or error}"
     except Exception as error:  # a bug in one item does not stop the others
         with suppress(OutputError):
-            write_text(folder / task.place / BUG_FILE, traceback.format_exc())
+            write_text(folder / task.run_folder / BUG_FILE, traceback.format_exc())
         problem = " ".join(f"{type(error).__name__}: {error}".splitlines())
         cause = f"a bug in fembridge, see {BUG_FILE} in its folder: {problem}"
     return TaskResult(cause, finished_before, wall_s=round(time.monotonic() - begin_s, 3))
@@ -589,7 +809,7 @@ def read_answers(folder: Path) -> "pd.DataFrame":
     """Rate, spikes and peak stress of a finished item by stimulus and afferent."""
     import pandas as pd
 
-    converters = {"rate_ips": float, "spikes": int, "peak_stress_pa": float}
+    converters = {"unit": str, "rate_ips": float, "spikes": int, "peak_stress_pa": float}
     return pd.read_csv(folder / ANSWERS_FILE, converters=converters)
 
 
@@ -606,9 +826,9 @@ def solver_version() -> str:
     return f"calculix {version_of(program)[0] or 'of no known version'}"
 
 
-def _run_response(task: Response, folder: Path, settings: SolverSettings) -> None:
+def _run_response(task: Response, folder: Path, settings: Solver) -> None:
     _check_solver(task.solver)
-    response_folder = folder / task.place
+    response_folder = folder / task.run_folder
     solve_response(
         response_folder,
         Model(task.finger, _response_mesh(task, response_folder), task.probe, element=task.element),
@@ -618,9 +838,9 @@ def _run_response(task: Response, folder: Path, settings: SolverSettings) -> Non
     )
 
 
-def _run_item(item: Item, folder: Path, settings: SolverSettings) -> None:
+def _run_item(item: Item, folder: Path, settings: Solver) -> None:
     """Simulate an item and write its three files, the record last."""
-    item_folder, begin_s = folder / item.place, time.monotonic()
+    item_folder, begin_s = folder / item.run_folder, time.monotonic()
     response = item.response.read(folder)
     simulation = _simulate(item, response, folder, settings)
     method = {
@@ -628,10 +848,13 @@ def _run_item(item: Item, folder: Path, settings: SolverSettings) -> None:
         "wall_s": round(time.monotonic() - begin_s, 3),
         "closure_percent": response.closure_percent,
         "contact": response.origin.get("contact", {}),
-        "response": str(item.response.place),
+        "response": str(item.response.run_folder),
     }
     with filling(item_folder, last=RECORD_FILE) as draft:
-        write_table(draft / ANSWERS_FILE, ANSWER_COLUMNS, _answer_rows(simulation))
+        has_units = any(rate.unit for rate in simulation.mean_rates)
+        columns = [*ANSWER_COLUMNS[:2], *["unit"] * has_units, *ANSWER_COLUMNS[2:]]
+        answers = _answer_rows(simulation)
+        write_table(draft / ANSWERS_FILE, columns, answers if has_units else map(_unnamed, answers))
         write_spikes(draft / SPIKES_FILE, simulation.trains)
         record = {
             "format": FORMAT,
@@ -646,36 +869,37 @@ def _run_item(item: Item, folder: Path, settings: SolverSettings) -> None:
         (item_folder / BUG_FILE).unlink(missing_ok=True)
 
 
-def _simulate(
-    item: Item, response: ResponseMap, folder: Path, settings: SolverSettings
-) -> Simulation:
+def _simulate(item: Item, response: ResponseMap, folder: Path, settings: Solver) -> Simulation:
     """Spikes of all stimuli of an item, by the response map or by transients."""
     task, stimuli = item.response, item.stimuli()
-    if item.method == "map":
+    if isinstance(task, DeckTask) or item.method == "map":
         traces = [response.traces(stimulus, item.parameters) for stimulus in stimuli]
     else:
         accepted = Contact(**cast("dict[str, Any]", response.origin["contact"]))
-        mesh = _response_mesh(task, folder / task.place)
+        mesh = _response_mesh(task, folder / task.run_folder)
         model = Model(task.finger, mesh, task.probe, accepted, task.element)
         motion_folder, ladder = folder / item.solve_folder, contact_ladder(task.contact)
         with _lock_task(motion_folder):
             _check_solver(task.solver)
-            traces, _ = solve_transients(
-                stimuli, model, motion_folder, settings, lambda line: None, ladder
-            )
+            traces, _ = solve_transients(stimuli, model, motion_folder, settings, ladder)
     return encode_all(stimuli, traces, item.parameters, {})
 
 
-def _answer_rows(simulation: Simulation) -> Iterator[tuple[str, str, float, int, float]]:
-    """Rows of `ANSWER_COLUMNS`, one per stimulus and afferent."""
-    spikes: Counter[tuple[str, str]] = Counter()
+def _unnamed(row: tuple[Any, ...]) -> tuple[Any, ...]:
+    """A row of answers without its unit."""
+    return (*row[:2], *row[3:])
+
+
+def _answer_rows(simulation: Simulation) -> Iterator[tuple[str, str, str, float, int, float]]:
+    """Rows of `ANSWER_COLUMNS`, one per stimulus and afferent, with the unit after the class."""
+    spikes: Counter[tuple[str, str, str]] = Counter()
     windows = {stimulus.id: stimulus.window_ms for stimulus in simulation.stimuli}
     for train in simulation.trains:
         count = spikes_inside(train.times_ms, windows[train.stimulus])
-        spikes[train.stimulus, train.afferent] += count
+        spikes[train.stimulus, train.afferent, train.unit] += count
     traces = chain.from_iterable(simulation.traces)
     for rate, trace in zip(simulation.mean_rates, traces, strict=True):
-        key = rate.stimulus, rate.afferent
+        key = rate.stimulus, rate.afferent, rate.unit
         yield (*key, rate.rate_ips, spikes[key], float(trace.stress_pa.max()))
 
 
@@ -702,7 +926,8 @@ def _check_solver(planned: str) -> None:
 def _provenance(study: Study, solver: str, plan: Plan) -> str:
     """Comment lines above the study's text: versions, fingers, checksum."""
     digest = hashlib.sha256(study.text.encode()).hexdigest()
-    files = dict.fromkeys(variant.label for variant in study.variants)
+    labels = [*(variant.label for variant in study.variants), *(deck.label for deck in study.decks)]
+    files = dict.fromkeys(labels)
     lines = [
         f"sweep of the study {study.name!r}, {study.points} points, {len(plan.items)} items",
         f"fembridge {__version__}, solver {solver}, "
@@ -714,26 +939,29 @@ def _provenance(study: Study, solver: str, plan: Plan) -> str:
     return "".join(f"# {line}\n" for line in lines) + "\n"
 
 
-def _write_results(folder: Path, plan: Plan, causes: Mapping[str, str]) -> int:
-    """Write one row per point and afferent, including failed ones; the number of rows."""
+def _write_results(folder: Path, plan: Plan, causes: dict[str, str]) -> None:
+    """Write one row per point and afferent; add items whose answers are missing to `causes`."""
     import pandas as pd
 
-    causes = dict(causes)
     answers = [pd.DataFrame(columns=["key", *ANSWER_COLUMNS], dtype=object)]
     for key, item in plan.items.items():
         if key not in causes:
             try:
-                answers.append(read_answers(folder / item.place).assign(key=key))
+                answers.append(read_answers(folder / item.run_folder).assign(key=key))
+            except FembridgeError:
+                raise
             except (OSError, ValueError) as error:  # deleted since
                 causes[key] = str(error)
     combined = pd.concat([answer.astype(object) for answer in answers])
-    table = plan.rows.merge(combined, how="left", on=["key", "stimulus", "afferent"])
+    on = ["key", "stimulus", "afferent", *["unit"] * ("unit" in plan.rows)]
+    if "unit" in on:
+        combined["unit"] = combined["unit"].fillna("") if "unit" in combined else ""
+    table = plan.rows.merge(combined, how="left", on=on)
     table["cause"] = table["key"].map(causes)
     table["status"] = np.where(table["cause"].isna(), "done", "failed")
-    table["run"] = table["key"].map({key: str(item.place) for key, item in plan.items.items()})
+    table["run"] = table["key"].map({key: str(item.run_folder) for key, item in plan.items.items()})
     table = table[[*plan.rows.columns.drop("key"), *ANSWER_COLUMNS[2:], "status", "cause", "run"]]
     write_text(folder / RESULTS_FILE, table.to_csv(index=False, lineterminator="\n"))
-    return len(table)
 
 
 class _ProgressDisplay(Bars):
@@ -757,7 +985,7 @@ class _ProgressDisplay(Bars):
     def follow(self, message: tuple[str, Progress]) -> None:
         """Update the bar of a task's solver run; remove it when the run ends."""
         name, progress = message
-        if progress.ended:
+        if progress.has_ended:
             self.remove(name)
         else:
             self.show(name, progress.fraction, how_far(progress))

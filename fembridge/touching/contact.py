@@ -18,14 +18,16 @@ in that direction, and C is that of both: no longer symmetric, solved in the sam
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from threading import Lock
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from fembridge.errors import UsageError
-from fembridge.memory import check_memory
-from fembridge.touching.pad import LATTICE_LENGTH_MM, Pad
+from fembridge.host.memory import check_memory
+from fembridge.touching.compliance import Compliance
+from fembridge.touching.pad import Pad, SkinNodes
 from fembridge.touching.shape import Shape
 from fembridge.typing import BoolArray, FloatArray, IntArray, SingleArray
 
@@ -50,9 +52,6 @@ _FIRST_ENTRIES = 48
 _MOST_LEAVE, _MOST_ENTER = 0.35, 1.0
 # ... and after so many changes it is made anew for rounding.
 _FRESH_CHANGES = 2_000
-# A fingertip is round along the finger too, about twice as flat as across (8 x 6.5 mm
-# half axes: 9.8 mm). Its curve counts for what touches; what yields is the prism.
-TIP_RADIUS_MM = 20.0
 # Under a force, skin so far from the shape is first taken to be all that touches.
 _FIRST_REACH_MM = 0.25
 # ... of so many steps of a way.
@@ -70,130 +69,38 @@ _NODES_FOR_THREADS = 3_000
 MOST_NODES = 6_000
 
 
+PressBy: TypeAlias = Callable[..., tuple[FloatArray, float]]
+"""A contact that is solved time after time, as `ContactSolver.press_by`."""
+
 GapsAt: TypeAlias = Callable[[IntArray, IntArray], FloatArray | SingleArray]
 """Ways down ``(step, n)`` in mm to some nodes, counted from 0, at some steps."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SkinNodes:
-    """Nodes of the skin: `column` ``(n,)`` of the pad, `row` ``(n,)`` along the finger."""
-
-    pad: Pad
-    column: IntArray
-    row: IntArray
-
-    @property
-    def x_mm(self) -> FloatArray:
-        """Places across the finger, ``(n,)``."""
-        return self.pad.x_mm[self.column]
-
-    @property
-    def z_mm(self) -> FloatArray:
-        """Places along the finger, ``(n,)``."""
-        return np.asarray(self.row * self.pad.spacing_mm, dtype=np.float64)
-
-    def subset(self, chosen: BoolArray | IntArray) -> "SkinNodes":
-        """Those of `chosen` ``(n,)``."""
-        return SkinNodes(self.pad, self.column[chosen], self.row[chosen])
-
-    def compliance(self, drag: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
-        """How far each goes into the skin under 1 N on each, ``(n, n)`` in mm.
-
-        `drag` is the force along x and z that comes with 1 N into the skin.
-        """
-        apart = self.row[:, None] - self.row
-        table = self.pad.lattice_compliance
-        place = self.column[None, :], self.column[:, None], np.abs(apart)
-        matrix: FloatArray = table[1][place]
-        if drag[0]:
-            matrix = matrix + drag[0] * table[0][place]
-        if drag[1]:
-            matrix = matrix + drag[1] * np.where(apart < 0, -1.0, 1.0) * table[2][place]
-        return matrix
-
-
-def end_row(pad: Pad, half_length_mm: float = 0.5 * LATTICE_LENGTH_MM) -> int:
-    """The last row of nodes along the finger that a shape may touch."""
-    return 0 if pad.plane else int(half_length_mm / pad.spacing_mm)
-
-
-def skin_nodes(pad: Pad, half_length_mm: float = 0.5 * LATTICE_LENGTH_MM) -> SkinNodes:
-    """All nodes that a shape may touch, up to so far from the middle along the finger."""
-    most = end_row(pad, half_length_mm)
-    column, row = np.meshgrid(np.arange(pad.x_mm.size), np.arange(-most, most + 1), indexing="ij")
-    return SkinNodes(pad, column.ravel(), row.ravel())
-
-
-def gaps_mm(nodes: SkinNodes, shape: Shape) -> FloatArray:
-    """Way down from `shape` to each node before it moves; the least is what touches first."""
-    height = shape.height_mm(nodes.x_mm, nodes.z_mm)
-    gap: FloatArray = height - skin_height_mm(nodes.pad, nodes.x_mm, nodes.z_mm)
-    return gap
-
-
-def skin_height_mm(pad: Pad, x_mm: FloatArray, z_mm: FloatArray) -> FloatArray:
-    """The skin over its apex, <= 0: the section's outline, and a fingertip's curve along z."""
-    outline: FloatArray = np.interp(x_mm, pad.x_mm, pad.y_mm)
-    return outline - np.square(z_mm) / (2 * TIP_RADIUS_MM)
-
-
-def first_touch_mm(pad: Pad, shape: Shape) -> float:
-    """How far `shape` is over the skin where it touches first, also between nodes.
-
-    Raises
-    ------
-    UsageError
-        The shape is nowhere over the part of the pad that may be touched.
-    """
-    nodes = skin_nodes(pad)
-    gap = gaps_mm(nodes, shape)
-    lowest = int(gap.argmin())
-    if not np.isfinite(gap[lowest]):
-        # Smaller than the grid, or beside it: look between the nodes.
-        lowest = -1
-    fine = np.arange(-8, 9) / 8 * pad.spacing_mm
-    if lowest >= 0:
-        x = pad.x_mm[nodes.column[lowest]] + fine
-        z = nodes.row[lowest] * pad.spacing_mm + fine
-    else:
-        x = np.arange(pad.x_mm[0], pad.x_mm[-1], pad.spacing_mm / 8)
-        z = np.arange(nodes.z_mm.min(), nodes.z_mm.max(), pad.spacing_mm / 8)
-    x, z = x[np.abs(x) <= pad.reach_mm], np.zeros(1) if pad.plane else z
-    height = shape.height_mm(*np.meshgrid(x, z, indexing="ij"))
-    least = float((height - skin_height_mm(pad, *np.meshgrid(x, z, indexing="ij"))).min())
-    if not np.isfinite(least):
-        raise UsageError(
-            f"{shape.name} is beside the pad, which reaches {pad.reach_mm:.3g} mm across and "
-            f"{nodes.z_mm.max():.3g} mm along to both sides"
-        )
-    return least
-
-
 def press_to(
-    pad: Pad, shape: Shape, level: FloatArray, *, newton: bool = False
+    pad: Pad, shape: Shape, level: FloatArray, *, by_force: bool = False
 ) -> tuple[SkinNodes, FloatArray, FloatArray]:
     """Nodes that `shape` touches, forces ``(S, node)`` in N and depths ``(S,)`` in um.
 
-    `level` ``(S,)`` are depths in um from first touch, or with `newton` forces.
+    `level` ``(S,)`` are depths in um from first touch, or with `by_force` forces.
 
     Raises
     ------
     UsageError
         A shape beside the pad, pressed too deep, or with too many nodes in contact.
     """
-    nodes = skin_nodes(pad)
-    gap_mm = gaps_mm(nodes, shape) - first_touch_mm(pad, shape)
+    nodes = pad.skin_nodes()
+    gap_mm = nodes.gaps_mm(shape) - pad.first_touch_mm(shape)
     most = float(level.max())
-    reach_mm = depth_of_force_mm(nodes, gap_mm, most) if newton else most * MM_PER_UM
+    reach_mm = depth_of_force_mm(nodes, gap_mm, most) if by_force else most * MM_PER_UM
     reached = np.asarray(gap_mm < reach_mm)
     nodes, gap_mm = nodes.subset(reached), gap_mm[reached]
     forces = np.empty((level.size, gap_mm.size))
     depth_um = np.array(level, dtype=np.float64)
     with blas_threads(gap_mm.size):
-        contact = Contact.of(nodes)
+        contact = ContactSolver.on_nodes(nodes)
         for step, pressed in enumerate(level.tolist()):
-            forces[step], depth_mm = contact.press_by(gap_mm, pressed, newton=newton)
-            depth_um[step] = max(depth_mm / MM_PER_UM, 0.0) if newton else pressed
+            forces[step], depth_mm = contact.press_by(gap_mm, pressed, by_force=by_force)
+            depth_um[step] = max(depth_mm / MM_PER_UM, 0.0) if by_force else pressed
     return nodes, forces, depth_um
 
 
@@ -216,8 +123,10 @@ def press_steps(
     nearest_mm: FloatArray | SingleArray,
     level: FloatArray,
     *,
-    newton: bool = False,
+    by_force: bool = False,
     drag: tuple[float, float] = (0.0, 0.0),
+    over_time: "Callable[[ContactSolver], PressBy] | None" = None,
+    lasting_share: float = 1.0,
 ) -> PressedSteps:
     """Contact of a shape that moves over `nodes`, a part of the steps after the other.
 
@@ -228,57 +137,62 @@ def press_steps(
     nearest_mm
         The least gap of each node over all steps, ``(n,)``.
     level
-        ``(S,)``: depths in um from where the gaps are 0, or with `newton` forces in N.
+        ``(S,)``: depths in um from where the gaps are 0, or with `by_force` forces in N.
     drag
         The force along x and z that comes with 1 N into the skin.
+    over_time
+        Makes the contact of skin that has a memory from that of elastic skin.
+    lasting_share
+        Share of its stiffness that such skin keeps: under a force it yields so much more.
 
     Raises
     ------
     UsageError
         Pressed too deep, too many nodes in contact, or too many of them over too many steps
-        for the memory (`fembridge.memory`).
+        for the memory (`fembridge.host.memory`).
     """
-    every = np.arange(nodes.column.size)
-    if newton:
+    all_rows = np.arange(nodes.size)
+    if by_force:
         tried = np.arange(0, level.size, max(1, level.size // _TRIED_STEPS))
         reach_mm = max(
-            depth_of_force_mm(nodes, gap.astype(np.float64), float(level[step]))
-            for step, gap in zip(tried, gaps_at(every, tried), strict=True)
+            depth_of_force_mm(nodes, gap.astype(np.float64), float(level[step]) / lasting_share)
+            for step, gap in zip(tried, gaps_at(all_rows, tried), strict=True)
         )
     else:
         reach_mm = float(level.max()) * MM_PER_UM
-    reached = every[nearest_mm < reach_mm]
+    reached = all_rows[nearest_mm < reach_mm]
     nodes, count = nodes.subset(reached), reached.size
-    what = f"contact of {level.size} steps on up to {count} nodes"
+    subject = f"contact of {level.size} steps on up to {count} nodes"
     total_n, depth_um = np.empty(level.size), np.array(level, dtype=np.float64)
     parts: list[tuple[IntArray, SingleArray]] = []  # the nodes pressed, and their forces
     held_bytes = 0
     with blas_threads(count):
-        contact = Contact.of(nodes, drag)
+        contact = ContactSolver.on_nodes(nodes, drag)
+        press_by = contact.press_by if over_time is None else over_time(contact)
         for first in range(0, level.size, _STEPS_AT_ONCE):
             steps = np.arange(first, min(first + _STEPS_AT_ONCE, level.size))
             forces = np.empty((steps.size, count), dtype=np.float32)
             for step, row, gap in zip(steps, forces, gaps_at(reached, steps), strict=True):
-                force, depth_mm = contact.press_by(
-                    gap.astype(np.float64), float(level[step]), newton=newton
+                force, depth_mm = press_by(
+                    gap.astype(np.float64), float(level[step]), by_force=by_force
                 )
                 row[:], total_n[step] = force, force.sum()
-                if newton:
+                if by_force:
                     depth_um[step] = depth_mm / MM_PER_UM
             columns = np.flatnonzero(forces.any(axis=0))
             parts.append((columns, forces[:, columns]))
             held_bytes += parts[-1][1].nbytes
-            check_memory(2 * held_bytes, what, UsageError)
+            check_memory(2 * held_bytes, subject, UsageError)
     pressed = np.zeros(count, dtype=bool)
     for columns, _ in parts:
         pressed[columns] = True
     at = np.cumsum(pressed) - 1
-    check_memory(held_bytes + 4 * level.size * int(pressed.sum()), what, UsageError)
-    whole = np.zeros((level.size, int(pressed.sum())), dtype=np.float32)
+    check_memory(held_bytes + 4 * level.size * int(pressed.sum()), subject, UsageError)
+    forces_n = np.zeros((level.size, int(pressed.sum())), dtype=np.float32)
     for first in range(0, level.size, _STEPS_AT_ONCE):
         columns, forces = parts.pop(0)
-        whole[first : first + len(forces), at[columns]] = forces
-    return PressedSteps(nodes.subset(pressed), whole, total_n, depth_um)
+        forces_n[first : first + len(forces), at[columns]] = forces
+    return PressedSteps(nodes.subset(pressed), forces_n, total_n, depth_um)
 
 
 def depth_of_force_mm(nodes: SkinNodes, gap_mm: FloatArray, force_n: float) -> float:
@@ -287,7 +201,7 @@ def depth_of_force_mm(nodes: SkinNodes, gap_mm: FloatArray, force_n: float) -> f
     reach_mm = _FIRST_REACH_MM
     while reach_mm < 2 * MOST_UM * MM_PER_UM:
         near = gap_mm < first_mm + reach_mm
-        contact = Contact.of(nodes.subset(near))
+        contact = ContactSolver.on_nodes(nodes.subset(near))
         _, depth_mm = contact.press_with(gap_mm[near] - first_mm, force_n)
         if depth_mm < 0.8 * reach_mm:
             return first_mm + 1.2 * depth_mm
@@ -342,19 +256,19 @@ class _OneThread:
 _one_thread = _OneThread()
 
 
-class Contact:
-    """Contact on a compliance `matrix` ``(n, n)``, solved time after time from the last.
+class ContactSolver:
+    """Contact on a compliance, solved time after time from the last.
 
     `exchanges` counts how often nodes entered or left.
     """
 
-    def __init__(self, matrix: FloatArray) -> None:
-        self._by_force = np.ascontiguousarray(matrix.T, dtype=np.float32)
-        self._set = _ActiveSet(matrix)
+    def __init__(self, compliance: Compliance) -> None:
+        self._compliance = compliance
+        self._set = _ActiveSet(compliance)
         self.exchanges = 0
 
     @classmethod
-    def of(cls, nodes: SkinNodes, drag: tuple[float, float] = (0.0, 0.0)) -> "Contact":
+    def on_nodes(cls, nodes: SkinNodes, drag: tuple[float, float] = (0.0, 0.0)) -> "ContactSolver":
         """Contact of `nodes` of a pad.
 
         Raises
@@ -362,18 +276,18 @@ class Contact:
         UsageError
             More than `MOST_NODES`.
         """
-        if nodes.column.size > MOST_NODES:
+        if nodes.size > MOST_NODES:
             raise UsageError(
-                f"{nodes.column.size} nodes may touch, expected at most {MOST_NODES}: "
+                f"{nodes.size} nodes may touch, expected at most {MOST_NODES}: "
                 "take a smaller shape, less depth or a coarser pad"
             )
         return cls(nodes.compliance(drag))
 
     def press_by(
-        self, gap_mm: FloatArray, level: float, *, newton: bool
+        self, gap_mm: FloatArray, level: float, *, by_force: bool
     ) -> tuple[FloatArray, float]:
-        """Forces ``(n,)`` in N and depth in mm, by `level` um or with `newton` by `level` N."""
-        if newton:
+        """Forces ``(n,)`` in N and depth in mm, by `level` um or with `by_force` by `level` N."""
+        if by_force:
             return self.press_with(gap_mm, level)
         return self.press(level * MM_PER_UM - gap_mm), level * MM_PER_UM
 
@@ -390,14 +304,15 @@ class Contact:
             return np.zeros(gap_mm.size), 0.0
         return self._solve(-gap_mm, force_n)
 
-    def _moved_mm(self, rows: IntArray, force: FloatArray) -> FloatArray:
-        """``C f``, of the rows that have a force alone where they are few."""
-        single = force.astype(np.float32)
-        if 3 * rows.size < force.size:
-            moved = single[rows] @ self._by_force[rows]
-        else:
-            moved = single @ self._by_force
-        return moved.astype(np.float64)
+    def moved_mm(self, force: FloatArray) -> FloatArray:
+        """How far each node goes into the skin under `force` ``(n,)`` of any sign, in mm."""
+        moved: FloatArray = self._matrix @ force
+        return moved
+
+    @cached_property
+    def _matrix(self) -> FloatArray:
+        """The compliance in double precision, ``(n, n)``."""
+        return self._compliance.matrix
 
     def _solve(self, overlap_mm: FloatArray, force_n: float | None) -> tuple[FloatArray, float]:
         active = self._set
@@ -423,11 +338,11 @@ class Contact:
             if force_n is None:
                 force[rows] = active.inverse @ overlap[rows]
             else:
-                each = active.inverse @ np.stack([np.ones(rows.size), overlap[rows]], -1)
-                depth_mm = (force_n - each[:, 1].sum()) / each[:, 0].sum()
-                force[rows] = each[:, 1] + depth_mm * each[:, 0]
+                solution = active.inverse @ np.stack([np.ones(rows.size), overlap[rows]], -1)
+                depth_mm = (force_n - solution[:, 1].sum()) / solution[:, 0].sum()
+                force[rows] = solution[:, 1] + depth_mm * solution[:, 0]
                 scale = abs(depth_mm) + 1e-12
-            inside_mm = overlap + depth_mm - self._moved_mm(rows, force)
+            inside_mm = overlap + depth_mm - self._compliance.moved_mm(rows, force)
             inside_mm[rows] = 0.0
             enter = possible & (inside_mm > _INSIDE * scale)
             leave = force < -_TOLERANCE * float(np.abs(force).max(initial=0.0))
@@ -456,21 +371,21 @@ class Contact:
 
 
 class _ActiveSet:
-    """Nodes in contact, `rows` in any order, and the inverse of the matrix over them.
+    """Nodes in contact, `rows` in any order, and the inverse of the compliance over them.
 
     The inverse is the upper left part of a buffer in which it shrinks and grows: what is
     taken out is first swapped to the end.
     """
 
-    def __init__(self, matrix: FloatArray) -> None:
-        self._matrix = matrix
-        self._buffer = np.empty_like(matrix)
+    def __init__(self, compliance: Compliance) -> None:
+        self.compliance = compliance
+        self._buffer = np.empty((compliance.size, compliance.size))
         self.rows: IntArray = np.zeros(0, dtype=np.int64)
         self._changes = 0
 
     @property
     def inverse(self) -> FloatArray:
-        """Inverse ``(rows, rows)`` of the matrix."""
+        """Inverse ``(rows, rows)`` of the compliance."""
         return self._buffer[: self.rows.size, : self.rows.size]
 
     def keep(self, possible: BoolArray) -> None:
@@ -482,9 +397,9 @@ class _ActiveSet:
 
     def enter(self, rows: IntArray) -> None:
         """Take further `rows` in."""
-        chosen = np.zeros(len(self._matrix), dtype=bool)
-        chosen[rows] = True
-        self.exchange(chosen, np.zeros_like(chosen))
+        is_entering = np.zeros(self.compliance.size, dtype=bool)
+        is_entering[rows] = True
+        self.exchange(is_entering, np.zeros_like(is_entering))
 
     def exchange(self, enter: BoolArray, leave: BoolArray) -> None:
         """Take nodes in and out ``(n,)``."""
@@ -498,7 +413,7 @@ class _ActiveSet:
             or self._changes > _FRESH_CHANGES
         ):
             self.rows = np.concatenate([np.delete(self.rows, out), new])
-            self.inverse[:] = np.linalg.inv(self._matrix[np.ix_(self.rows, self.rows)])
+            self.inverse[:] = np.linalg.inv(self.compliance.block(self.rows, self.rows))
             self._changes = 0
             return
         if out.size:
@@ -512,22 +427,21 @@ class _ActiveSet:
         hole = out[out < stay]
         tail = np.setdiff1d(np.arange(stay, self.rows.size), out)
         before, after = np.concatenate([hole, tail]), np.concatenate([tail, hole])
-        whole = self.inverse
+        inverse = self.inverse
         self.rows[before] = self.rows[after]
-        whole[before] = whole[after]
-        whole[:, before] = whole[:, after]
-        block = np.linalg.solve(whole[stay:, stay:], whole[stay:, :stay])
-        whole[:stay, :stay] -= whole[:stay, stay:] @ block
+        inverse[before] = inverse[after]
+        inverse[:, before] = inverse[:, after]
+        block = np.linalg.solve(inverse[stay:, stay:], inverse[stay:, :stay])
+        inverse[:stay, :stay] -= inverse[:stay, stay:] @ block
         self.rows = self.rows[:stay]
 
     def _grow(self, new: IntArray) -> None:
         old, size = self.rows, self.rows.size
         inverse = self.inverse
-        right = inverse @ self._matrix[np.ix_(old, new)]
-        below = self._matrix[np.ix_(new, old)] @ inverse
-        corner = np.linalg.inv(
-            self._matrix[np.ix_(new, new)] - self._matrix[np.ix_(new, old)] @ right
-        )
+        block = self.compliance.block
+        right, beside = inverse @ block(old, new), block(new, old)
+        below = beside @ inverse
+        corner = np.linalg.inv(block(new, new) - beside @ right)
         side = right @ corner
         inverse += side @ below
         self.rows = np.concatenate([old, new])

@@ -1,13 +1,13 @@
 """A pad by CalculiX: four ``*GREEN`` decks, run, read, and put together.
 
 A unit force at x' is half of an even pair at x' and -x' and half of an odd one; the
-quarter prisms of `decks.green` answer both, and their sum is the response at x > 0,
+quarter prisms of `decks.unit_loads` answer both, and their sum is the response at x > 0,
 their difference that at x < 0.
 """
 
 import hashlib
+import logging
 import threading
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from decks.finger import Finger
-from decks.green import (
+from decks.section import section_of
+from decks.unit_loads import (
     CASES,
     SHARE,
     GreenCase,
@@ -24,30 +25,30 @@ from decks.green import (
     green_deck,
     prism_of,
 )
-from decks.section import section_of
 from fembridge.errors import ResultError
+from fembridge.host.process import signals_as_exits
+from fembridge.host.store import make_folder, write_text
+from fembridge.io.run_folder import RunFolder
 from fembridge.results import read_fields
 from fembridge.results.fields import Field, rows_of
-from fembridge.run_folder import RunFolder
 from fembridge.solver.ccx import solve_once
-from fembridge.solver.process import signals_as_exits
-from fembridge.solver.settings import DEFAULTS, SolverSettings
-from fembridge.store import make_folder, write_text
-from fembridge.touching.pad import STRESS_FLIP, Pad, StressRow
+from fembridge.solver.settings import DEFAULTS, Solver
+from fembridge.touching.prism_pad import STRESS_FLIP, PrismPad, StressRow
 from fembridge.trace import PA_PER_MPA
 from fembridge.typing import FloatArray
+
+_LOGGER = logging.getLogger(__name__)
 
 
 def solve_pad(
     folder: Path,
     finger: Finger,
     mesh: PadMesh = PadMesh(),  # noqa: B008 - frozen
-    settings: SolverSettings = DEFAULTS,
-    log: Callable[[str], None] = lambda line: None,
-) -> Pad:
+    settings: Solver = DEFAULTS,
+) -> PrismPad:
     """Have CalculiX make the pad of `finger` in `folder`, a run folder a deck.
 
-    Ridges and papillae are modelled where `finger` has them; see `decks.green.smooth`.
+    Ridges and papillae are modelled where `finger` has them; see `decks.unit_loads.smooth`.
     Runs of the same decks that are there already are read again.
 
     Raises
@@ -67,9 +68,9 @@ def solve_pad(
         outcome = solve_once(run, settings.shared_by(settings.jobs), halt)
         if not outcome.accepted:
             raise outcome.to_error()
-        found = _read(run, prism, case)
-        log(f"{case.name}: {len(case.loads(prism))} unit forces in {outcome.wall_s:.0f} s")
-        return found, outcome.wall_s, outcome.version
+        response_mm = _read(run, prism, case)
+        _LOGGER.info(f"{case.name}: {len(case.loads(prism))} unit forces in {outcome.wall_s:.0f} s")
+        return response_mm, outcome.wall_s, outcome.version
 
     cases = CASES[:2] if mesh.plane else CASES  # nothing moves along z
     with signals_as_exits(), ThreadPoolExecutor(settings.jobs) as pool:
@@ -110,18 +111,18 @@ def _read(run: RunFolder, prism: Prism, case: GreenCase) -> FloatArray:
     W counts the prism's `node_rows`, C its watched columns of nodes.
     """
     loads = case.loads(prism)
-    found: FloatArray | None = None
+    response_mm: FloatArray | None = None
     count = 0
     for load, field in zip(loads, read_fields(run.results, "DISP"), strict=False):
         moved = SHARE * displacements(field, prism)
-        if found is None:
-            found = np.full((3, prism.contact_columns, *moved.shape), np.nan)
+        if response_mm is None:
+            response_mm = np.full((3, prism.contact_columns, *moved.shape), np.nan)
         number, axis = load
-        found["xyz".index(axis), number] = moved
+        response_mm["xyz".index(axis), number] = moved
         count += 1
-    if found is None or count != len(loads):
+    if response_mm is None or count != len(loads):
         raise ResultError(f"{count} modes, expected {len(loads)}", run.results)
-    return found
+    return response_mm
 
 
 def displacements(field: Field, prism: Prism) -> FloatArray:
@@ -133,46 +134,47 @@ def displacements(field: Field, prism: Prism) -> FloatArray:
         The field lacks one of them.
     """
     columns, slices = prism.watched_columns + 1, len(prism.z_mm)
-    place = np.meshgrid(prism.node_rows, np.arange(columns), np.arange(slices), indexing="ij")
-    wanted = prism.node(*place)
-    rows = rows_of(wanted, field.nodes)
+    grid = np.meshgrid(prism.node_rows, np.arange(columns), np.arange(slices), indexing="ij")
+    numbers = prism.node(*grid)
+    rows = rows_of(numbers, field.nodes)
     if (rows < 0).any():
-        raise ResultError(f"no node {wanted[rows < 0][0]}", Path("DISP"))
+        raise ResultError(f"no node {numbers[rows < 0][0]}", Path("DISP"))
     values: FloatArray = np.moveaxis(field.values[rows, :3], -1, 0)
     return values
 
 
 def _joined(in_plane: FloatArray, axial: FloatArray | None = None) -> FloatArray:
     """Forces along x and y of one run, along z of the other; 0 where there is no force."""
-    found = np.nan_to_num(in_plane)
+    responses = np.nan_to_num(in_plane)
     if axial is not None:
-        found[2] = np.nan_to_num(axial[2])
-    return found
+        responses[2] = np.nan_to_num(axial[2])
+    return responses
 
 
-def _pad(prism: Prism, even: FloatArray, odd: FloatArray, origin: dict[str, object]) -> Pad:
+def _pad(prism: Prism, even: FloatArray, odd: FloatArray, origin: dict[str, object]) -> PrismPad:
     """Put the responses of both parities together; forces on the right half."""
     plane = prism.mesh.plane
     if plane:  # both faces move as one; 1 N on each mm of the slice
         thick_mm = 2 * prism.z_mm[1]
         even, odd = (
-            thick_mm * np.repeat(each.mean(axis=-1, keepdims=True), 2, -1) for each in (even, odd)
+            thick_mm * np.repeat(response.mean(axis=-1, keepdims=True), 2, -1)
+            for response in (even, odd)
         )
     right, left = even + odd, even - odd  # at x > 0, and the mirror image of that at x < 0
     touching = prism.contact_columns
     # Into the skin is -y, of forces and of displacements.
     into = np.array([1.0, -1.0, 1.0])[:, None, None, None]
-    down_mm = [-into * each[:, :, 1, 0, :touching] for each in (right, left)]
+    down_mm = [-into * response[:, :, 1, 0, :touching] for response in (right, left)]
     surface_mm = prism.point_mm[0, :touching]
     rows, stress_pa = [], []
     for layer in prism.watched_layers:
         for row in prism.layer_rows(layer).tolist():
             rows.append(stress_row(prism, layer, row))
-            here, image = (stress_mpa(prism, layer, row, each) for each in (right, left))
+            direct, image = (stress_mpa(prism, layer, row, response) for response in (right, left))
             image *= STRESS_FLIP["x"][:, None, None, None]
-            both = np.concatenate([image[..., ::-1, :], here], axis=-2)
+            both = np.concatenate([image[..., ::-1, :], direct], axis=-2)
             stress_pa.append(both * into[..., None] * PA_PER_MPA)
-    return Pad(
+    return PrismPad(
         finger=prism.finger,
         spacing_mm=prism.mesh.spacing_mm,
         x_mm=np.concatenate([-surface_mm[:0:-1, 0], surface_mm[:, 0]]),
@@ -231,7 +233,7 @@ def stress_row(prism: Prism, layer: str, row: int) -> StressRow:
     corners = (point_mm[row, :-1], point_mm[row, 1:], point_mm[row + 1, :-1], point_mm[row + 1, 1:])
     middle_mm = np.mean(corners, axis=0)
     section = section_of(prism.finger)
-    every = section.point_mm[::8]
-    away_mm = np.linalg.norm(middle_mm[:, None] - every, axis=2)
+    surface_mm = section.point_mm[::8]
+    away_mm = np.linalg.norm(middle_mm[:, None] - surface_mm, axis=2)
     nearest = away_mm.argmin(axis=1)
     return StressRow(layer, section.arc_mm[::8][nearest], away_mm[np.arange(len(nearest)), nearest])

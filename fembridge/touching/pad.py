@@ -1,180 +1,423 @@
-"""The pad of a finger: what a unit force anywhere on its skin does to skin and afferents.
+"""A pad: what unit forces on the skin of a model do to its skin and to its afferents.
 
-The finger is a prism along z, so a response depends on where across the finger force and
-place are, ``x'`` and ``x``, and on ``z - z'``. It is a mirror image of itself about
-``x = 0`` and about ``z = 0``: stored are forces with ``x' >= 0`` and places with
-``z >= 0``, signs give the rest.
+`Pad` and `SkinNodes` are the interface that contact, stress and populations use. There are two
+kinds: `fembridge.touching.prism_pad.PrismPad`, a section that is swept along the finger, and
+`fembridge.touching.mesh_pad.MeshPad`, any mesh.
 
-A plane pad is a slice of 1 mm in plane strain: what touches it has no end along z.
-
-Stress is that in the middle of elements, from displacements and the material of that
-element alone: nothing is averaged over two layers. `stress_rows` are rows of elements of
-one layer, along the skin.
+Positions on the skin are those of a map: x across and z along the finger, seen from above.
+Components of stress are those in its directions: x, y out of the skin, z.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any, ClassVar
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from decks.finger import Finger
-from decks.section import Section, section_of
-from fembridge.errors import ResponseError, UsageError
-from fembridge.memory import check_memory
-from fembridge.typing import FloatArray, IntArray, SingleArray
+from fembridge.errors import UsageError
+from fembridge.touching.compliance import Compliance
+from fembridge.touching.shape import Shape
+from fembridge.typing import BoolArray, FloatArray, IntArray, SingleArray
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "zx")
-# What becomes of a stress or a force component under a mirror.
-STRESS_FLIP = {"x": np.array([1, 1, 1, -1, 1, -1]), "z": np.array([1, 1, 1, 1, -1, -1])}
-FORCE_FLIP = {"x": np.array([-1, 1, 1]), "z": np.array([1, 1, -1])}
 
-# Nodes that may touch lie within half of this of the pad's middle, along the finger.
-LATTICE_LENGTH_MM = 24.0
+
+class Site(Protocol):
+    """Where the afferents of a class are."""
+
+    @property
+    def layer(self) -> str:
+        """Layer in which they lie."""
+
+    @property
+    def x_mm(self) -> float:
+        """Position of the median unit across the finger in mm."""
+
+    @property
+    def depth_mm(self) -> float:
+        """Depth below the skin in mm."""
+
+
+@dataclass(frozen=True, slots=True)
+class SkinMargin:
+    """Positions on or beside the skin: `rows` ``(P,)`` are the ones that have a `problem`."""
+
+    rows: BoolArray
+    problem: Callable[[int], str]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StressRow:
-    """Middles of a row of elements of `layer`, from the apex to the right.
+class SkinCells:
+    """Cells of the skin for a picture of pressure.
 
-    `arc_mm` and `depth_mm` ``(M,)``: along the smooth skin, and below it.
+    Parameters
+    ----------
+    x_mm, z_mm
+        Positions of the corners in mm, ``(N,)`` each; without `triangles`, edges of columns and
+        rows of a lattice.
+    triangles
+        Corners of each triangle, ``(F, 3)``; None: a lattice.
+    values
+        Function of values at the nodes ``(n,)`` that returns those of the cells, ``(F,)`` or
+        ``(row, column)``: NaN where nothing touches.
     """
 
-    layer: str
-    arc_mm: FloatArray
-    depth_mm: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Pad:
-    """Responses of the skin of `finger` to unit forces on it.
-
-    `x_mm` ``(N,)`` and `y_mm` ``(N,)`` are the nodes that may touch, from left to right;
-    on the finger they are `spacing_mm` apart along z. `z_mm` ``(K,)`` >= 0 are places of
-    displacements, `stress_z_mm` ``(K - 1,)`` those of stresses.
-
-    `down_mm` ``(3, N', N, K)`` is how far node n, z away, goes into the skin under 1 N
-    on node n' along x, into the skin, along z; n' counts the nodes with x >= 0.
-    `stress_pa` ``(R, 3, 6, N', 2 M, K - 1)`` is the stress in the middle of element m of
-    `rows` ``R``, from left to right.
-    """
-
-    finger: Finger
-    spacing_mm: float
     x_mm: FloatArray
-    y_mm: FloatArray
     z_mm: FloatArray
-    stress_z_mm: FloatArray
-    down_mm: FloatArray
-    stress_pa: FloatArray | SingleArray
-    rows: tuple[StressRow, ...]
-    origin: Mapping[str, Any] = field(default_factory=dict)
+    triangles: IntArray | None
+    values: Callable[[FloatArray], FloatArray]
 
-    BEYOND_ROWS: ClassVar[float] = 0.75
-    """A unit may be this share of a row's thickness above or below the middles of rows."""
 
-    @cached_property
-    def section(self) -> Section:
-        """The section of the finger, with its outline."""
-        return section_of(self.finger)
+class SkinNodes(ABC):
+    """Nodes of the skin of a pad that may touch, or some of them."""
+
+    pad: "Pad"
+    """Pad of the nodes."""
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """Number of nodes."""
+
+    @property
+    @abstractmethod
+    def x_mm(self) -> FloatArray:
+        """Positions across the finger in mm, ``(n,)``."""
+
+    @property
+    @abstractmethod
+    def z_mm(self) -> FloatArray:
+        """Positions along the finger in mm, ``(n,)``."""
+
+    @property
+    def seen_mm(self) -> tuple[FloatArray, FloatArray]:
+        """Positions in the plane of the shape that touches in mm, two ``(n,)``."""
+        return self.x_mm, self.z_mm
+
+    @property
+    @abstractmethod
+    def height_mm(self) -> FloatArray:
+        """Heights towards the shape that touches in mm, ``(n,)``."""
+
+    @property
+    @abstractmethod
+    def area_mm2(self) -> FloatArray:
+        """Skin that each node stands for in mm², ``(n,)``."""
+
+    @abstractmethod
+    def subset(self, rows: BoolArray | IntArray) -> "SkinNodes":
+        """Nodes of a mask ``(n,)`` or of numbers from 0."""
+
+    @abstractmethod
+    def compliance(self, drag: tuple[float, float] = (0.0, 0.0)) -> Compliance:
+        """Displacement of each towards the skin under forces of the shape.
+
+        Parameters
+        ----------
+        drag
+            Force along x and z that comes with 1 N into the skin.
+        """
+
+    @abstractmethod
+    def cells(self) -> SkinCells:
+        """Cells of the skin around these nodes, for a picture."""
+
+    @abstractmethod
+    def to_arrays(self) -> dict[str, IntArray]:
+        """Numbers of the nodes by name, for a file; `Pad.nodes_from` takes them."""
+
+    def gaps_mm(self, shape: Shape) -> FloatArray:
+        """Way of `shape` to each node in mm before it moves, ``(n,)``; the least touches first."""
+        gap: FloatArray = shape.height_mm(*self.seen_mm) - self.height_mm
+        return gap
+
+
+class Pad(ABC):
+    """Responses of the skin of a model to unit forces on it, for `touch`.
+
+    `make_pad` computes one, of a finger or of any mesh; `read` and `write` are its file.
+    """
+
+    spacing_mm: float
+    """Distance of two nodes that may touch in mm."""
+    origin: Mapping[str, Any]
+    """How the pad was computed."""
+    source: str
+    """Name or path of its file; empty without a file."""
+    sha256: str
+    """Checksum of its file; empty without a file."""
+
+    uniform_along: ClassVar[bool] = False
+    """Whether a response depends on the distance along z alone."""
 
     @property
     def plane(self) -> bool:
-        """Whether it is the section alone: what touches is endless along z, forces are by mm."""
-        return self.z_mm.size == 1
+        """Whether shapes are endless along z and forces are by mm."""
+        return False
 
-    @property
-    def node_mm2(self) -> FloatArray:
-        """Skin that a node of each column stands for, ``(N,)``."""
-        return np.gradient(self.x_mm) * (1.0 if self.plane else self.spacing_mm)
+    @classmethod
+    def read(cls, path: "str | os.PathLike[str]") -> "Pad":
+        """The pad of a file that `write` or ``fembridge pad`` wrote.
 
-    @property
-    def reach_mm(self) -> float:
-        """How far from the apex, across the finger, skin may be touched."""
-        return float(self.x_mm[-1])
+        Parameters
+        ----------
+        path
+            File in ``.npz``.
 
-    @property
-    def widest_mm(self) -> float:
-        """How far from the apex, across the finger, stress is held."""
-        arc_mm = min(float(row.arc_mm[-1]) for row in self.rows)
-        section = self.section
-        return float(np.interp(arc_mm, section.arc_mm, section.point_mm[:, 0]))
+        Raises
+        ------
+        ResponseError
+            An absent, altered or cut file, or numbers that no pad has.
+        """
+        from fembridge.touching.pad_file import read_pad
 
-    @cached_property
-    def compliance(self) -> FloatArray:
-        """`down_mm` with all forces, ``(3, N, N, K)`` in mm/N."""
-        mirrored = self.down_mm[:, :0:-1, ::-1, :] * FORCE_FLIP["x"][:, None, None, None]
-        return np.concatenate([mirrored, self.down_mm], axis=1)
+        return read_pad(Path(path))
 
-    @cached_property
-    def lattice_compliance(self) -> FloatArray:
-        """`compliance` ``(3, N', N, J)`` for nodes of the lattice, j times the spacing apart."""
-        if self.plane:
-            return self.compliance
-        at_mm = np.arange(int(LATTICE_LENGTH_MM / self.spacing_mm) + 1.0) * self.spacing_mm
-        check_memory(
-            2 * 8 * 3 * self.x_mm.size**2 * at_mm.size, "the compliance of this pad", ResponseError
+    @abstractmethod
+    def write(self, path: "str | os.PathLike[str]") -> None:
+        """Write the pad with its checksum.
+
+        Parameters
+        ----------
+        path
+            File in ``.npz``.
+
+        Raises
+        ------
+        OutputError
+            The file cannot be written.
+        """
+
+    def seen_from(self, tilt_deg: tuple[float, float], at_mm: tuple[float, float]) -> "Pad":
+        """The pad for a shape from another direction; its middle aims at a point of the skin.
+
+        Parameters
+        ----------
+        tilt_deg
+            Directions from which the shape comes, in deg from above: positive from the right, and
+            from the tip.
+        at_mm
+            Position on the map in mm at which the middle of the shape aims.
+
+        Raises
+        ------
+        UsageError
+            The pad is a prism, whose forces come from above.
+        """
+        del at_mm
+        raise UsageError(
+            "is for a pad of your own model: forces on a prism come from above",
+            argument="tilt_deg",
+            found=tilt_deg,
         )
-        mirrored = np.concatenate([-self.z_mm[:0:-1], self.z_mm])
-        place, weight = cubic_weights(mirrored, at_mm)
-        weight[at_mm > self.z_mm[-1]] = 0.0
-        spread = np.zeros((mirrored.size, at_mm.size))
-        np.add.at(spread, (place, np.arange(at_mm.size)[:, None]), weight)
-        far = self.z_mm.size - 1
-        found = [
-            table @ (spread[far:] + flip * np.pad(spread[far - 1 :: -1], ((1, 0), (0, 0))))
-            for table, flip in zip(self.compliance, FORCE_FLIP["z"], strict=True)
-        ]
-        return np.stack(found)
 
-    def depth_range_mm(self, layer: str, x_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Least and largest depth of which stress is held in `layer` under skin at `x_mm`.
+    @property
+    def pose(self) -> dict[str, list[float]]:
+        """`tilt_deg` and `at_mm` of `seen_from` for a record; empty from above."""
+        return {}
+
+    @property
+    def from_above(self) -> "Pad":
+        """The pad for shapes from above."""
+        return self
+
+    # ---- The skin
+
+    @property
+    @abstractmethod
+    def skin_text(self) -> str:
+        """Number and distance of the nodes that may touch, for a message."""
+
+    @property
+    def remedy_for_narrow(self) -> str:
+        """A pad for narrower shapes, for a message."""
+        return "a pad with a finer spacing (fembridge pad --spacing-mm)"
+
+    @property
+    @abstractmethod
+    def reach_mm(self) -> float:
+        """How far from the middle, across the finger, skin may be touched."""
+
+    @property
+    @abstractmethod
+    def half_length_mm(self) -> float:
+        """How far from the middle, along the finger, skin may be touched."""
+
+    @property
+    @abstractmethod
+    def limits(self) -> str:
+        """The ends of the skin that may be touched, for a message."""
+
+    @abstractmethod
+    def skin_nodes(self) -> SkinNodes:
+        """All nodes that a shape may touch."""
+
+    @abstractmethod
+    def nodes_from(self, arrays: Mapping[str, IntArray]) -> SkinNodes:
+        """Nodes of the numbers of `SkinNodes.to_arrays`.
+
+        Parameters
+        ----------
+        arrays
+            Numbers by name, ``(n,)`` each.
+
+        Raises
+        ------
+        KeyError
+            An array is missing.
+        ValueError
+            A number that is no node of the pad.
+        """
+
+    @abstractmethod
+    def end_nodes(self, nodes: SkinNodes) -> Mapping[str, BoolArray]:
+        """Those of `nodes` at each end of the skin that may be touched, ``(n,)``, by its name.
+
+        Parameters
+        ----------
+        nodes
+            Nodes of the pad.
+        """
+
+    @abstractmethod
+    def first_touch_mm(self, shape: Shape) -> float:
+        """How far a shape is over the skin where it touches first, also between nodes, in mm.
+
+        Parameters
+        ----------
+        shape
+            Shape at its place.
+
+        Parameters
+        ----------
+        shape
+            Shape at its position.
+
+        Raises
+        ------
+        UsageError
+            The shape is nowhere over the part of the pad that may be touched.
+        """
+
+    # ---- Afferents
+
+    @property
+    @abstractmethod
+    def afferents(self) -> Mapping[str, Any]:
+        """Sites of the afferents by class; their type is `Site`."""
+
+    @property
+    @abstractmethod
+    def mechanics(self) -> dict[str, str]:
+        """Name and digest of the model, which a parameter set is compared with."""
+
+    @property
+    @abstractmethod
+    def model_table(self) -> dict[str, Any]:
+        """The model in TOML types, for the record of a response."""
+
+    @abstractmethod
+    def extent_mm(self) -> tuple[FloatArray, FloatArray, float, float]:
+        """Skin for a population: arcs across, their x ``(A,)``, half the width and length."""
+
+    @abstractmethod
+    def margins(self, x_mm: FloatArray, z_mm: FloatArray) -> Iterator[SkinMargin]:
+        """Positions at which the pad has no skin or no stress, and why.
+
+        Parameters
+        ----------
+        x_mm, z_mm
+            Positions across and along the finger in mm, ``(P,)``.
+        """
+
+    def far_margin(self, x_mm: FloatArray, z_mm: FloatArray) -> SkinMargin | None:
+        """Positions that a force in the middle of the pad does not reach, and why.
+
+        Parameters
+        ----------
+        x_mm, z_mm
+            Positions across and along the finger in mm, ``(P,)``.
+        """
+        return None
+
+    @abstractmethod
+    def clipped(self, x_mm: FloatArray, z_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The nearest positions with skin and stress, ``(P,)`` each.
+
+        Parameters
+        ----------
+        x_mm, z_mm
+            Positions across and along the finger in mm, ``(P,)``.
+        """
+
+    @abstractmethod
+    def depth_range_mm(
+        self, layer: str, x_mm: FloatArray, z_mm: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Least and largest depth in mm with stress in a layer, ``(P,)`` each.
+
+        Parameters
+        ----------
+        layer
+            Layer of the model.
+        x_mm, z_mm
+            Positions across and along the finger in mm, ``(P,)``.
 
         Raises
         ------
         UsageError
             The pad holds no stress in this layer.
         """
-        rows = [row for row in self.rows if row.layer == layer]
-        if len(rows) < 2:
-            layers = ", ".join(dict.fromkeys(row.layer for row in self.rows))
-            raise UsageError(f"the pad holds no stress in {layer}, but in {layers}")
-        arc_mm = np.abs(self.arc_at(x_mm))
-        upper, *_, lower = depths = [np.interp(arc_mm, row.arc_mm, row.depth_mm) for row in rows]
-        least_mm = upper - self.BEYOND_ROWS * (depths[1] - upper)
-        most_mm = lower + self.BEYOND_ROWS * (lower - depths[-2])
-        return least_mm, most_mm
 
-    def arc_at(self, x_mm: FloatArray) -> FloatArray:
-        """Way along the smooth skin from the apex to `x_mm`, signed as it is."""
-        section = self.section
-        widest = int(section.point_mm[:, 0].argmax())
-        x, arc = section.point_mm[: widest + 1, 0], section.arc_mm[: widest + 1]
-        found: FloatArray = np.sign(x_mm) * np.interp(np.abs(x_mm), x, arc)
-        return found
+    @abstractmethod
+    def normal_at(self, x_mm: FloatArray, z_mm: FloatArray) -> FloatArray:
+        """Outward normal of the skin, ``(P, 3)``.
 
-    def normal_at(self, x_mm: FloatArray) -> FloatArray:
-        """Normal of the smooth skin in the section ``(place, 2)`` at `x_mm`."""
-        right = self.section.point_mm[: int(self.section.point_mm[:, 0].argmax())]
-        slope = np.sign(x_mm) * np.interp(
-            np.abs(x_mm), right[:, 0], np.gradient(right[:, 1], right[:, 0])
-        )
-        return np.stack([-slope, np.ones_like(slope)], -1) / np.hypot(slope, 1.0)[:, None]
+        Parameters
+        ----------
+        x_mm, z_mm
+            Positions across and along the finger in mm, ``(P,)``.
+        """
 
+    @abstractmethod
+    def columns_per_place(self, nodes: SkinNodes) -> int:
+        """Numbers of `influence_pa` for each place and component, also those on the way.
 
-def cubic_weights(grid: FloatArray, at: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Four places of a rising `grid` around each of `at` ``(A,)``, and Lagrange's weights.
+        Parameters
+        ----------
+        nodes
+            Nodes with a force.
+        """
 
-    Both ``(A, 4)``. Beyond the grid it is its end.
-    """
-    inside = np.clip(at, grid[0], grid[-1])
-    first = np.clip(np.searchsorted(grid, inside) - 2, 0, grid.size - 4)
-    place = first[:, None] + np.arange(4)
-    knots = grid[place]
-    weight = np.ones(place.shape)
-    for one in range(4):
-        for other in range(4):
-            if one != other:
-                weight[:, one] *= (inside - knots[:, other]) / (knots[:, one] - knots[:, other])
-    return place, weight
+    @abstractmethod
+    def influence_pa(
+        self,
+        nodes: SkinNodes,
+        layer: NDArray[np.str_],
+        x_mm: FloatArray,
+        z_mm: FloatArray,
+        depth_mm: FloatArray,
+        drag: tuple[float, float] = (0.0, 0.0),
+    ) -> SingleArray:
+        """Stress ``(6, place, node)`` in Pa under 1 N of the shape on each of `nodes`.
+
+        Parameters
+        ----------
+        nodes
+            Nodes with a force.
+        layer
+            Layer of each place, ``(P,)``.
+        x_mm, z_mm, depth_mm
+            Position of each place on the skin, and depth below it, in mm, ``(P,)``.
+        drag
+            Force along x and z that comes with 1 N into the skin. Default: ``(0, 0)``.
+
+        Raises
+        ------
+        UsageError
+            A place in a layer or at a depth of which the pad holds no stress.
+        """

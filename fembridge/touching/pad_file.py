@@ -8,7 +8,7 @@ that moves towards the force on it. They are refused by the name of their array.
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,17 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decks.finger import LAYERS, Finger
-from decks.green import PadMesh
 from decks.section import section_of
+from decks.unit_loads import PadMesh
 from fembridge.errors import FingerError, ResponseError, UsageError
-from fembridge.npz import NpzFile
-from fembridge.number import parse_number
-from fembridge.store import near_hint, replacing, structure
-from fembridge.touching.pad import Pad, StressRow
+from fembridge.host.store import near_hint, replacing, structure
+from fembridge.io.npz import NpzFile
+from fembridge.io.number import parse_number
+from fembridge.touching.mesh_pad_file import read_mesh_pad
+from fembridge.touching.pad import Pad
+from fembridge.touching.prism_pad import PrismPad, StressRow
 
 FORMAT = 1
 
-# Arrays of a stored pad by their dimensions, see `Pad`: N columns of nodes, P of them with
+# Arrays of a stored pad by their dimensions, see `PrismPad`: N columns of nodes, P of them with
 # x >= 0, K places of displacements along z, Z of stresses, R rows of M elements.
 _DIMENSIONS = {
     "x_mm": "N",
@@ -52,7 +54,7 @@ _ROUNDING = 0.02
 STORED = Path(__file__).parent / "pads"
 
 
-def write_pad(path: Path, pad: Pad) -> None:
+def write_pad(path: Path, pad: PrismPad) -> None:
     """Store `pad` as NPZ with its checksum; stress in half precision (1 in 2000)."""
     from decks.presets import finger_table
 
@@ -80,13 +82,13 @@ def write_pad(path: Path, pad: Pad) -> None:
         np.savez_compressed(
             file,
             about=np.array(text),
-            sha256=np.array(_checksum(text, arrays)),
+            sha256=np.array(checksum(text, arrays)),
             **arrays,
         )
 
 
 def read_pad(path: Path) -> Pad:
-    """A pad that `write_pad` stored.
+    """A pad that `write_pad` or `write_mesh_pad` stored.
 
     Raises
     ------
@@ -94,12 +96,16 @@ def read_pad(path: Path) -> Pad:
         There is none, it was altered or cut, lacks an array or a key, or has numbers that
         no pad has: not finite, not rising, of another sign or shape.
     """
-    error = _error_at(path)
+    error = error_at(path)
     with NpzFile(path, error) as archive:
-        _check_headers(archive, error)
-        arrays = {name: archive.read(name, _COPIES) for name in archive.headers}
+        is_of_mesh = "triangles" in archive.headers
+        if not is_of_mesh:
+            _check_headers(archive, error)
+            arrays = {name: archive.read(name, _COPIES) for name in archive.headers}
+    if is_of_mesh:
+        return read_mesh_pad(path)
     text, stated = (str(arrays.pop(name)) for name in _TEXTS)
-    sound = stated == _checksum(text, arrays)
+    sound = stated == checksum(text, arrays)
     if not sound:
         raise error("its numbers do not match its checksum: edited or cut")
     try:
@@ -113,7 +119,7 @@ def read_pad(path: Path) -> Pad:
     _check_arrays(arrays, about, finger, error)
     stress_pa = arrays.pop("stress").astype(np.float32)
     stress_pa *= arrays["stress_scale_pa"].astype(np.float32)
-    return Pad(
+    return PrismPad(
         finger=finger,
         spacing_mm=about.spacing_mm,
         x_mm=arrays["x_mm"],
@@ -129,41 +135,48 @@ def read_pad(path: Path) -> Pad:
             )
         ),
         origin=about.origin,
+        source=str(path),
+        sha256=stated,
     )
 
 
-def pad_named(wanted: str | Pad) -> Pad:
-    """A stored pad by its name, that of a file, or a pad as it is.
+def resolve_pad(pad: str | Path | Pad) -> Pad:
+    """The stored pad of a name, the pad of a file, or `pad` itself.
 
     Raises
     ------
     UsageError
-        Neither is there.
+        No such name and no such file.
     """
-    if isinstance(wanted, Pad):
-        return wanted
-    stored, path = STORED / f"{wanted}.npz", Path(wanted)
+    if isinstance(pad, Pad):
+        return pad
+    if not isinstance(pad, str | Path):
+        raise UsageError(argument="pad", found=pad, expected="a Pad, a name or a path")
+    stored, path = STORED / f"{pad}.npz", Path(pad)
     try:
         if stored.is_file():
             return _stored(stored)
         if path.is_file():
             return read_pad(path)
     except OSError as error:  # a name that is too long
-        raise UsageError(f"pad {wanted!r}: {error.strerror}") from error
-    names = [path.stem for path in STORED.glob("*.npz")]
-    raise UsageError(
-        f"pad {wanted!r}: neither a stored one ({', '.join(sorted(names))}) nor a file"
-        + near_hint(str(wanted), names)
-    )
+        raise UsageError(f"is {pad!r}: {error.strerror}", argument="pad", found=pad) from error
+    names = sorted(path.stem for path in STORED.glob("*.npz"))
+    expected = f"{', '.join(names)} or a file"
+    problem = f"is {str(pad)!r}, expected {expected}{near_hint(str(pad), names)}"
+    raise UsageError(problem, argument="pad", found=pad, expected=expected)
 
 
 @cache
-def _stored(path: Path) -> Pad:
-    """A stored pad, read once: one touch after the other is on the same."""
-    return read_pad(path)
+def _stored(path: Path) -> PrismPad:
+    """A stored pad, read once."""
+    pad = read_pad(path)
+    if not isinstance(pad, PrismPad):
+        raise ResponseError(f"{path}: not the pad of a finger")
+    return replace(pad, source=path.stem)
 
 
-def _checksum(text: str, arrays: Mapping[str, Any]) -> str:
+def checksum(text: str, arrays: Mapping[str, Any]) -> str:
+    """Checksum of the text and the arrays of a pad."""
     digest = hashlib.sha256(text.encode())
     for name in sorted(arrays):
         array = np.ascontiguousarray(arrays[name])
@@ -186,7 +199,8 @@ class _About:
     origin: dict[str, Any]
 
 
-def _error_at(path: Path) -> Callable[[str], ResponseError]:
+def error_at(path: Path) -> Callable[[str], ResponseError]:
+    """Maker of errors that name the file."""
     return lambda problem: ResponseError(f"{path}: {problem.removeprefix(f'{path}: ')}")
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fembridge.errors import UsageError
-from fembridge.memory import check_memory
+from fembridge.host.memory import check_memory
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 MAX_PIXELS = 20_000_000

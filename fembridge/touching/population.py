@@ -1,61 +1,94 @@
-"""Afferents of a fingertip: each unit has a place, a depth in its layer, and a class.
+"""Afferents of a fingertip: each unit has a position, a depth in its layer, and a class.
 
-Places are those on the skin, x across and z along the finger, seen from above; a unit
-lies `depth_mm` under its place, along the skin's normal. Densities are those of human
-fingertips as TouchSim has them (Saal et al. 2017, after Johansson & Vallbo 1979), on a
-jittered lattice.
+Positions are on the skin, x across and z along the finger, seen from above; a unit lies
+`depth_mm` below its position, along the normal of the skin. Densities are those of human
+fingertips in TouchSim (Saal et al. 2017, after Johansson & Vallbo 1979), on a jittered
+lattice.
 """
 
-import warnings
+import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from decks.finger import SITES, AfferentSite, Finger
-from decks.presets import QUICK
-from decks.section import section_of
-from fembridge.errors import FembridgeWarning, TableError, UsageError
-from fembridge.store import write_text
-from fembridge.tables import AFFERENTS, read_table
-from fembridge.touching.named import named
-from fembridge.touching.pad import LATTICE_LENGTH_MM, Pad
-from fembridge.typing import BoolArray, FloatArray, IntArray
+from decks.finger import SITES, Finger
+from fembridge.errors import TableError, UsageError, warn
+from fembridge.host.store import write_text
+from fembridge.io.text_table import read_table
+from fembridge.ranges import ABOVE_ZERO, Range, check_range
+from fembridge.solver.analysis import load_finger
+from fembridge.touching.pad import Pad, Site
+from fembridge.touching.prism_pad import finger_extent_mm
+from fembridge.touching.specification import from_specification
+from fembridge.trace import AFFERENTS
+from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
 if TYPE_CHECKING:
     import pandas
+    from numpy.typing import ArrayLike
 
 COLUMNS = ("unit", "afferent", "x_mm", "z_mm", "depth_mm")
 # Units a square centimetre of fingertip.
 DENSITY_CM2: Mapping[str, float] = {"SA": 70.0, "RA": 140.0, "PC": 25.0}
-# A fingertip reaches so far from its middle, across and along.
-_HALF_WIDTH_MM, _HALF_LENGTH_MM = 7.0, 12.0
 _MM_PER_CM = 10.0
 # Fibres that branch in the skin: around the ending at their place they have others that are
 # less sensitive. A Pacinian corpuscle is one ending. Chosen by receptive fields, decision 0039.
 BRANCHED = ("SA", "RA")
 ENDINGS_MM = 1.2
 OTHERS, OTHERS_SHARE = 8, 0.5
-_MOST_ENDINGS_MM = 3.0
 _MOST_UNITS = 200_000
-# A unit is no further from the middle, and no more or less sensitive than that.
-_ROUNDING_MM = 1e-6
-_MAX_AWAY_MM, _MAX_DEPTH_MM, _MAX_DEVIATE = 1_000.0, 100.0, 20.0
+_RANGES: Mapping[str, Range] = {
+    "x_mm": Range(-1000, 1000),
+    "z_mm": Range(-1000, 1000),
+    "depth_mm": Range(0, 100),
+    "deviate": Range(-20, 20),
+}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Population:
-    """Units: `unit` names ``(U,)``, classes, layers, places and depths in mm, deviates.
+    """Units of the three classes, with their positions and sensitivities.
 
-    A unit of `deviate` q needs ``exp(spread q)`` times the stress of the median unit of
-    its class, where spread is that of the neural parameters. SA and RA units have
-    `OTHERS` endings `endings_mm` around their place, `OTHERS_SHARE` as sensitive as the
-    one at it, and feel by the one that is driven most. With `sa_von_mises` SA units read
-    von Mises stress, see `fembridge.touching.stress`.
+    Class methods make the usual ones: `fingertip`, `grid`, `line`, `one_each`, `at`,
+    `from_table`. A mask, a slice or a list of numbers selects units, and ``+`` joins two
+    populations.
+
+    Parameters
+    ----------
+    unit
+        Names, each once, ``(U,)``.
+    afferent, layer
+        Class of each unit, ``SA``, ``RA`` or ``PC``, and layer of the finger, ``(U,)``.
+    x_mm, z_mm, depth_mm
+        Position across and along the finger and depth below the skin in mm, ``(U,)``.
+    deviate
+        Sensitivity, ``(U,)``: a unit of deviate q needs ``exp(spread q)`` times the stress of
+        the median unit of its class; the spread is that of the neural parameters.
+    endings_mm
+        Distance in mm from the central ending of an SA or RA unit to eight further endings of
+        half its sensitivity; the ending with the largest drive counts. 0: a single ending.
+        Default: 1.2.
+    sa_von_mises
+        Whether SA units respond to von Mises stress, as in the paper, instead of compression
+        and stretch, see `fembridge.touching.stress`. Default: False.
+
+    Raises
+    ------
+    UsageError
+        No units, a name twice, arrays of different lengths, or a number out of range.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> units = fb.Population.fingertip(seed=1)
+    >>> units[units.x_mm > 0] + fb.Population.at(["PC"], [0.0], [2.0], unit=["probe"])
+    Population(438 units: 123 SA, 266 RA, 49 PC)
     """
 
     unit: tuple[str, ...]
@@ -69,37 +102,90 @@ class Population:
     sa_von_mises: bool = False
 
     def __post_init__(self) -> None:
-        if not 0 <= self.endings_mm <= _MOST_ENDINGS_MM:
-            raise UsageError(
-                f"endings within {self.endings_mm:g} mm, expected 0 to {_MOST_ENDINGS_MM:g}"
-            )
+        check_range("endings_mm", self.endings_mm)
         if not self.unit:
-            raise UsageError("a population without units")
+            raise UsageError("a population without units", argument=None, expected="a unit or more")
         _check_count(len(self.unit))
-        for name in ("afferent", "layer"):
-            if len(getattr(self, name)) != len(self.unit):
-                raise UsageError(f"{len(getattr(self, name))} of {name}, {len(self.unit)} units")
-        for name, least, most in (
-            ("x_mm", -_MAX_AWAY_MM, _MAX_AWAY_MM),
-            ("z_mm", -_MAX_AWAY_MM, _MAX_AWAY_MM),
-            ("depth_mm", 0.0, _MAX_DEPTH_MM),
-            ("deviate", -_MAX_DEVIATE, _MAX_DEVIATE),
-        ):
-            values = np.asarray(getattr(self, name))
-            if values.shape != (len(self.unit),):
-                raise UsageError(f"{name} {values.shape}, expected one a unit: {len(self.unit)}")
-            if not ((values >= least) & (values <= most)).all():
-                row = int((~((values >= least) & (values <= most))).argmax())
+        if len(set(self.unit)) < len(self.unit):
+            [(duplicate, _)] = Counter(self.unit).most_common(1)
+            raise UsageError(f"has the name {duplicate!r} twice", argument="unit", found=duplicate)
+        for argument in ("afferent", "layer"):
+            if len(getattr(self, argument)) != len(self.unit):
                 raise UsageError(
-                    f"unit {self.unit[row]}: {name} is {values[row]:g}, expected {least:g} to "
-                    f"{most:g}"
+                    f"has {len(getattr(self, argument))} entries, expected {len(self.unit)}, one "
+                    "a unit",
+                    argument=argument,
                 )
+        for argument, limits in _RANGES.items():
+            values = np.asarray(getattr(self, argument), dtype=np.float64)
+            object.__setattr__(self, argument, values)
+            if values.shape != (len(self.unit),):
+                raise UsageError(
+                    f"has shape {values.shape}, expected ({len(self.unit)},), one a unit",
+                    argument=argument,
+                )
+            is_outside = ~((values >= limits.low) & (values <= limits.high))
+            if is_outside.any():
+                row = int(is_outside.argmax())
+                raise UsageError(
+                    f"of unit {self.unit[row]} is {values[row]:g}, expected {limits}",
+                    argument=argument,
+                    found=float(values[row]),
+                    expected=str(limits),
+                )
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{count} {name}" for name, count in Counter(self.afferent).items())
+        return f"Population({len(self)} units: {counts})"
+
+    def __getitem__(self, rows: "BoolArray | IntArray | slice | Sequence[int]") -> "Population":
+        """Units of a mask ``(U,)``, a slice, or numbers counted from 0."""
+        try:
+            numbers = np.arange(len(self))[np.asarray(rows) if isinstance(rows, Sequence) else rows]
+        except IndexError as error:
+            raise UsageError(
+                f"do not select from {len(self)} units", argument="rows", found=rows
+            ) from error
+        numbers = np.atleast_1d(numbers)
+        unit, afferent, layer = (
+            tuple(names[row] for row in numbers.tolist())
+            for names in (self.unit, self.afferent, self.layer)
+        )
+        return replace(
+            self,
+            unit=unit,
+            afferent=afferent,
+            layer=layer,
+            x_mm=self.x_mm[numbers],
+            z_mm=self.z_mm[numbers],
+            depth_mm=self.depth_mm[numbers],
+            deviate=self.deviate[numbers],
+        )
+
+    def __add__(self, other: "Population") -> "Population":
+        """Units of both, these first; their names differ and their endings are the same."""
+        if not isinstance(other, Population):
+            return NotImplemented
+        for argument in ("endings_mm", "sa_von_mises"):
+            first, second = getattr(self, argument), getattr(other, argument)
+            if first != second:
+                raise UsageError(f"differs: {first} and {second}", argument=argument, found=second)
+        return replace(
+            self,
+            unit=self.unit + other.unit,
+            afferent=self.afferent + other.afferent,
+            layer=self.layer + other.layer,
+            x_mm=np.concatenate([self.x_mm, other.x_mm]),
+            z_mm=np.concatenate([self.z_mm, other.z_mm]),
+            depth_mm=np.concatenate([self.depth_mm, other.depth_mm]),
+            deviate=np.concatenate([self.deviate, other.deviate]),
+        )
 
     def __len__(self) -> int:
         return len(self.unit)
 
     def endings(self) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-        """Unit of each ending, rising, its place x and z in mm, and sensitivity, ``(E,)``."""
+        """Unit of each ending, rising, its position x and z in mm, and sensitivity, ``(E,)``."""
         branched = np.isin(self.afferent, BRANCHED) & (self.endings_mm > 0)
         unit = np.repeat(np.arange(len(self)), np.where(branched, 1 + OTHERS, 1))
         nth = np.arange(unit.size) - np.searchsorted(unit, unit)
@@ -111,42 +197,84 @@ class Population:
             np.where(nth > 0, OTHERS_SHARE, 1.0),
         )
 
+    def with_endings(self, endings_mm: float, *, sa_von_mises: bool = False) -> "Population":
+        """The same units with other endings.
+
+        Parameters
+        ----------
+        endings_mm
+            Distance in mm of the further endings of SA and RA units; 0: a single ending.
+        sa_von_mises
+            Whether SA units respond to von Mises stress. Default: False.
+        """
+        return replace(self, endings_mm=endings_mm, sa_von_mises=sa_von_mises)
+
+    def to_table(self) -> Table:
+        """Number of units, settings of the endings and digest, for a record."""
+        digest = sha256("\n".join((*self.unit, *self.afferent, *self.layer)).encode())
+        for name in _RANGES:
+            digest.update(np.ascontiguousarray(getattr(self, name)).tobytes())
+        return {
+            "units": len(self),
+            "endings_mm": float(self.endings_mm),
+            "sa_von_mises": bool(self.sa_von_mises),
+            "sha256": digest.hexdigest(),
+        }
+
     def to_frame(self) -> "pandas.DataFrame":
-        """``unit, afferent, x_mm, z_mm, depth_mm, deviate``, a row a unit."""
+        """Table ``unit, afferent, x_mm, z_mm, depth_mm, deviate``, a row a unit."""
         import pandas
 
         names = (*COLUMNS, "deviate")
         return pandas.DataFrame({name: np.array(getattr(self, name)) for name in names})
 
-    def write(self, path: Path) -> None:
-        """Write ``population.csv``; `Population.read` brings it back exactly."""
-        write_text(path, self.to_frame().to_csv(index=False, lineterminator="\n"))
+    def write(self, path: Path | str) -> None:
+        """Write the table of `to_frame` as CSV; `from_table` reads it back exactly.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+        """
+        write_text(Path(path), self.to_frame().to_csv(index=False, lineterminator="\n"))
 
     # ---- Populations
 
     @classmethod
-    def fingertip(cls, seed: int = 0, density: float = 1.0, finger: Finger = QUICK) -> "Population":
-        """All three classes at the densities of a human fingertip, times `density`.
+    def fingertip(
+        cls, seed: int = 0, density: float = 1.0, finger: "str | Finger | Pad | None" = None
+    ) -> "Population":
+        """All three classes at the densities of a human fingertip.
+
+        Parameters
+        ----------
+        seed
+            Seed of positions and sensitivities, a whole number >= 0. Default: 0.
+        density
+            Multiple of the human densities, up to 100. Default: 1.
+        finger
+            Finger with the layers of the classes: ``"quick"``, ``"paper"``, the path of a TOML
+            file, a `Finger`, or a `Pad`. Default: None, ``"quick"``.
 
         Notes
         -----
-        At `density` 1 a class fills a square lattice of 1 unit a cell with whole rows and
-        columns: on the reference finger 888 units, 260 SA, 532 RA and 96 PC. Another
-        `density` has that many times the units on the same skin: ``888 density`` to the
-        nearest whole number, and each class to less than 1. They form columns along the
-        finger, evenly spaced, whose numbers of units differ by 1 at most.
+        At `density` 1 each class fills the whole rows and columns of a square lattice: on the
+        reference finger 888 units, 260 SA, 532 RA and 96 PC. Another `density` has ``888
+        density`` units on the same skin, to the nearest whole number, and each class to less
+        than 1. They form columns along the finger, evenly spaced, whose numbers of units differ
+        by at most 1.
         """
-        if seed < 0 or not 0 < density <= 100:
-            raise UsageError(f"seed {seed}, density {density:g}: expected >= 0, and 0 to 100")
+        check_range("seed", seed)
+        check_range("density", density, Range(ABOVE_ZERO, 100))
         rng = np.random.default_rng(seed)
-        section = section_of(finger)
-        widest = int(section.point_mm[:, 0].argmax())
-        half_mm = min(_HALF_WIDTH_MM, 0.9 * finger.outline.half_width_mm)
-        x_of_arc = section.arc_mm[: widest + 1], section.point_mm[: widest + 1, 0]
+        finger = _resolve_finger(finger)
+        extent_mm = finger.extent_mm() if isinstance(finger, Pad) else finger_extent_mm(finger)
+        x_of_arc, half_mm, half_length_mm = extent_mm[:2], *extent_mm[2:]
         reach_mm = float(np.interp(half_mm, x_of_arc[1], x_of_arc[0]))
-        pitches_mm = [float(_MM_PER_CM / np.sqrt(units)) for units in DENSITY_CM2.values()]
+        classes = _available(tuple(DENSITY_CM2), finger)
+        pitches_mm = [float(_MM_PER_CM / np.sqrt(DENSITY_CM2[name])) for name in classes]
         cells = [
-            (int(2 * reach_mm / pitch_mm), int(2 * _HALF_LENGTH_MM / pitch_mm))
+            (int(2 * reach_mm / pitch_mm), int(2 * half_length_mm / pitch_mm))
             for pitch_mm in pitches_mm
         ]
         counts = _whole_counts(density * np.array([across * along for across, along in cells]))
@@ -154,7 +282,7 @@ class Population:
         afferent: list[str] = []
         places, deviates = [], []
         for name, pitch_mm, (across, along), count in zip(
-            DENSITY_CM2, pitches_mm, cells, counts.tolist(), strict=True
+            classes, pitches_mm, cells, counts.tolist(), strict=True
         ):
             columns = max(1, round(across * np.sqrt(count / max(across * along, 1))))
             in_column = np.diff(np.arange(columns + 1) * count // columns)
@@ -168,7 +296,7 @@ class Population:
                 ],
                 axis=-1,
             )
-            lattice = (np.stack([column, nth], -1) + 0.5) * step_mm - (reach_mm, _HALF_LENGTH_MM)
+            lattice = (np.stack([column, nth], -1) + 0.5) * step_mm - (reach_mm, half_length_mm)
             lattice = lattice + step_mm * rng.uniform(-0.5, 0.5, lattice.shape)
             arc_mm = lattice[:, 0]
             lattice[:, 0] = np.sign(arc_mm) * np.interp(np.abs(arc_mm), *x_of_arc)
@@ -176,7 +304,11 @@ class Population:
             places.append(lattice)
             deviates.append(rng.standard_normal(count))
         x_mm, z_mm = np.concatenate(places).T
-        return cls.at(afferent, x_mm, z_mm, deviate=np.concatenate(deviates), finger=finger)
+        units = cls.at(afferent, x_mm, z_mm, deviate=np.concatenate(deviates), finger=finger)
+        if not isinstance(finger, Pad):
+            return units
+        beside = [margin.rows for margin in finger.margins(x_mm, z_mm)]  # the skin is no rectangle
+        return units[~np.any(beside, axis=0)]
 
     @classmethod
     def grid(
@@ -185,13 +317,26 @@ class Population:
         half_width_mm: float = 5.0,
         half_length_mm: float = 5.0,
         afferents: Sequence[str] = AFFERENTS,
-        finger: Finger = QUICK,
+        finger: "str | Finger | Pad | None" = None,
     ) -> "Population":
-        """Median units of each class on a square grid."""
+        """Median units of each class on a square grid.
+
+        Parameters
+        ----------
+        step_mm
+            Distance of two units in mm. Default: 1.
+        half_width_mm, half_length_mm
+            Extent in mm from the middle, across and along the finger. Default: 5.
+        afferents
+            Classes. Default: SA, RA and PC.
+        finger
+            Finger with the layers of the classes: ``"quick"``, ``"paper"``, the path of a TOML
+            file, a `Finger`, or a `Pad`. Default: None, ``"quick"``.
+        """
         across, along = (_steps(half, step_mm) for half in (half_width_mm, half_length_mm))
         _check_count(len(afferents) * across.size * along.size)
         x_mm, z_mm = (places.ravel() for places in np.meshgrid(across, along, indexing="ij"))
-        return cls._each(afferents, x_mm, z_mm, finger)
+        return cls._median_units(afferents, x_mm, z_mm, finger)
 
     @classmethod
     def line(
@@ -200,15 +345,30 @@ class Population:
         half_length_mm: float = 5.0,
         along: str = "z",
         afferents: Sequence[str] = AFFERENTS,
-        finger: Finger = QUICK,
+        finger: "str | Finger | Pad | None" = None,
     ) -> "Population":
-        """Median units of each class on a line through the middle, `along` x or z."""
+        """Median units of each class on a line through the middle of the pad.
+
+        Parameters
+        ----------
+        step_mm
+            Distance of two units in mm. Default: 0.25.
+        half_length_mm
+            Extent of the line in mm from the middle. Default: 5.
+        along
+            ``"x"``, across the finger, or ``"z"``. Default: ``"z"``.
+        afferents
+            Classes. Default: SA, RA and PC.
+        finger
+            Finger with the layers of the classes: ``"quick"``, ``"paper"``, the path of a TOML
+            file, a `Finger`, or a `Pad`. Default: None, ``"quick"``.
+        """
         if along not in ("x", "z"):
             raise UsageError(f"a line along {along!r}, expected x or z")
         steps = _steps(half_length_mm, step_mm)
         zeros = np.zeros_like(steps)
         places = (steps, zeros) if along == "x" else (zeros, steps)
-        return cls._each(afferents, *places, finger)
+        return cls._median_units(afferents, *places, finger)
 
     @classmethod
     def one_each(
@@ -216,38 +376,60 @@ class Population:
         x_mm: float = 0.0,
         z_mm: float = 0.0,
         afferents: Sequence[str] = AFFERENTS,
-        finger: Finger = QUICK,
+        finger: "str | Finger | Pad | None" = None,
     ) -> "Population":
-        """The median unit of each class, at one place."""
-        return cls._each(afferents, np.array([x_mm]), np.array([z_mm]), finger)
+        """The median unit of each class, at one position.
+
+        Parameters
+        ----------
+        x_mm, z_mm
+            Position across and along the finger in mm. Default: 0.
+        afferents
+            Classes. Default: SA, RA and PC.
+        finger
+            Finger with the layers of the classes: ``"quick"``, ``"paper"``, the path of a TOML
+            file, a `Finger`, or a `Pad`. Default: None, ``"quick"``.
+        """
+        return cls._median_units(afferents, np.array([x_mm]), np.array([z_mm]), finger)
 
     @classmethod
-    def read(cls, path: Path | str, finger: Finger = QUICK) -> "Population":
-        """A table ``afferent,x_mm,z_mm``, and if there ``unit``, ``depth_mm``, ``deviate``.
+    def from_table(
+        cls,
+        table: "str | os.PathLike[str] | pandas.DataFrame",
+        finger: "str | Finger | Pad | None" = None,
+    ) -> "Population":
+        """Units of a table ``afferent,x_mm,z_mm``, a row a unit.
+
+        Parameters
+        ----------
+        table
+            A DataFrame or the path of a CSV file. Optional columns are ``unit``, the name;
+            ``depth_mm``, else the depth of the class in `finger`; and ``deviate``, else 0.
+        finger
+            Finger with the layers of the classes: ``"quick"``, ``"paper"``, the path of a TOML
+            file, a `Finger`, or a `Pad`. Default: None, ``"quick"``.
 
         Raises
         ------
         TableError
-            Not such a table, with the line; a column of another name.
+            Not such a table, with the line; an unknown column; a name twice.
         """
-        path = Path(path)
-        table = read_table(path, ("afferent", "x_mm", "z_mm"), ("unit", "depth_mm", "deviate"))
-        if not table.size:
-            raise TableError("a header and no rows, expected units", path)
-        _check_count(table.size)
-        names = table.choices("afferent", AFFERENTS).tolist()
-        own = table.header
-        unit = table.words("unit") if "unit" in own else np.arange(1, table.size + 1).astype(str)
-        if "unit" in own:
+        rows = read_table(table, ("afferent", "x_mm", "z_mm"), ("unit", "depth_mm", "deviate"))
+        if not rows.size:
+            raise TableError("a header and no rows, expected units", rows.path)
+        _check_count(rows.size)
+        columns = rows.header
+        unit = rows.words("unit") if "unit" in columns else np.arange(1, rows.size + 1).astype(str)
+        if "unit" in columns:
             import pandas
 
-            table.refuse_duplicates(pandas.DataFrame({"unit": unit}))
+            rows.refuse_duplicates(pandas.DataFrame({"unit": unit}))
         return cls.at(
-            names,
-            table.numbers("x_mm"),
-            table.numbers("z_mm"),
-            table.numbers("depth_mm", least=0) if "depth_mm" in own else None,
-            table.numbers("deviate") if "deviate" in own else None,
+            rows.choices("afferent", AFFERENTS).tolist(),
+            rows.numbers("x_mm"),
+            rows.numbers("z_mm"),
+            rows.numbers("depth_mm", least=0) if "depth_mm" in columns else None,
+            rows.numbers("deviate") if "deviate" in columns else None,
             finger,
             unit.tolist(),
         )
@@ -255,19 +437,36 @@ class Population:
     @classmethod
     def at(
         cls,
-        afferent: Sequence[str],
-        x_mm: FloatArray,
-        z_mm: FloatArray,
-        depth_mm: FloatArray | None = None,
-        deviate: FloatArray | None = None,
-        finger: Finger = QUICK,
+        afferent: str | Sequence[str],
+        x_mm: "ArrayLike",
+        z_mm: "ArrayLike",
+        depth_mm: "ArrayLike | None" = None,
+        deviate: "ArrayLike | None" = None,
+        finger: "str | Finger | Pad | None" = None,
         unit: Sequence[str] | None = None,
     ) -> "Population":
-        """Units of the classes `afferent` ``(U,)`` at places, in the layers of `finger`.
+        """Units at the positions `x_mm`, `z_mm`.
 
-        Without names they are named by class and number; without depths they lie at those
-        of `finger`, without deviates they are median units.
+        Parameters
+        ----------
+        afferent
+            Classes, ``(U,)``, or one class for all units.
+        x_mm, z_mm
+            Positions across and along the finger in mm, ``(U,)``.
+        depth_mm
+            Depths below the skin in mm, ``(U,)``. Default: None, those of the classes in `finger`.
+        deviate
+            Sensitivities, ``(U,)``. Default: None, 0: median units.
+        finger
+            Finger with the layers of the classes: ``"quick"``, ``"paper"``, the path of a TOML
+            file, a `Finger`, or a `Pad`. Default: None, ``"quick"``.
+        unit
+            Names, ``(U,)``. Default: None, class and number.
         """
+        finger = _resolve_finger(finger)
+        x_mm, z_mm = np.atleast_1d(x_mm), np.atleast_1d(z_mm)
+        if isinstance(afferent, str):
+            afferent = [afferent] * x_mm.size
         sites = {name: _site(name, finger) for name in dict.fromkeys(afferent)}
         usual_mm = np.array([sites[name].depth_mm for name in afferent])
         if unit is None:
@@ -280,20 +479,31 @@ class Population:
             unit=tuple(unit),
             afferent=tuple(afferent),
             layer=tuple(sites[name].layer for name in afferent),
-            x_mm=x_mm,
-            z_mm=z_mm,
-            depth_mm=usual_mm if depth_mm is None else depth_mm,
-            deviate=np.zeros(len(unit)) if deviate is None else deviate,
+            x_mm=np.asarray(x_mm),
+            z_mm=np.asarray(z_mm),
+            depth_mm=usual_mm if depth_mm is None else np.asarray(depth_mm),
+            deviate=np.zeros(len(unit)) if deviate is None else np.asarray(deviate),
         )
 
     @classmethod
-    def _each(
-        cls, afferents: Sequence[str], x_mm: FloatArray, z_mm: FloatArray, finger: Finger
+    def _median_units(
+        cls,
+        afferents: Sequence[str],
+        x_mm: FloatArray,
+        z_mm: FloatArray,
+        finger: "str | Finger | Pad | None",
     ) -> "Population":
-        """A median unit of each class at each place."""
+        """A median unit of each class at each position."""
+        finger = _resolve_finger(finger)
+        afferents = _available(afferents, finger)
         count = len(afferents)
         names = np.repeat(afferents, x_mm.size).tolist()
         return cls.at(names, np.tile(x_mm, count), np.tile(z_mm, count), finger=finger)
+
+
+def _resolve_finger(finger: str | Finger | Pad | None) -> Finger | Pad:
+    """A pad or a finger as it is, a preset or a file; None is the reference finger."""
+    return finger if isinstance(finger, Pad) else load_finger(finger or "quick")
 
 
 POPULATIONS: Mapping[str, Callable[..., Population]] = {
@@ -301,18 +511,33 @@ POPULATIONS: Mapping[str, Callable[..., Population]] = {
 }
 
 
-def population_named(wanted: str | Population, finger: Finger) -> Population:
-    """The population of a word such as ``fingertip:seed=3``, of a table, or as it is.
+def resolve_population(
+    population: "str | os.PathLike[str] | pandas.DataFrame | Population", finger: Finger | Pad
+) -> Population:
+    """The population of a specification such as ``fingertip:seed=3``, or of a table.
+
+    Parameters
+    ----------
+    population
+        A specification, the path of a table, a DataFrame as for `Population.from_table`, or a
+        `Population`, which is returned unchanged.
+    finger
+        Finger or pad with the layers of the classes.
 
     Raises
     ------
     UsageError, TableError
-        No such population, number or file.
+        No such population, setting or file, or a table that is none.
     """
-    if isinstance(wanted, Population):
-        return wanted
-    read = partial(Population.read, finger=finger)
-    return named(wanted, "population", POPULATIONS, read, ".csv", finger=finger)
+    if isinstance(population, Population):
+        return population
+    if hasattr(population, "columns") or isinstance(population, Path):
+        return Population.from_table(population, finger)
+    if not isinstance(population, str):
+        expected = "a Population, a DataFrame, a text or a path"
+        raise UsageError(argument="population", found=population, expected=expected)
+    read = partial(Population.from_table, finger=finger)
+    return from_specification(population, "population", POPULATIONS, read, ".csv", finger=finger)
 
 
 def check_inside(pad: Pad, units: Population) -> None:
@@ -331,34 +556,18 @@ def check_inside(pad: Pad, units: Population) -> None:
     FembridgeWarning
         Units along the finger that a force in the middle of the pad does not reach.
     """
-    half_width_mm = float(pad.section.point_mm[:, 0].max())
-    reach_mm = min(pad.widest_mm + pad.spacing_mm, half_width_mm)
-    outside = np.abs(units.x_mm) > reach_mm + _ROUNDING_MM
-    _refuse(units, outside, lambda row: (
-        f"at x = {units.x_mm[row]:g} mm is beside the skin, which reaches {reach_mm:.3g} mm to "
-        "both sides"
-    ))  # fmt: skip
-    if not pad.plane:
-        held_mm, lattice_mm = float(pad.stress_z_mm[-1]), 0.5 * LATTICE_LENGTH_MM
-        away_mm = np.abs(units.z_mm)
-        _refuse(units, away_mm > held_mm + lattice_mm, lambda row: (
-            f"at z = {units.z_mm[row]:g} mm is beyond the pad: it may be touched up to "
-            f"{lattice_mm:g} mm along the finger, and stress is held {held_mm:.3g} mm further"
-        ))  # fmt: skip
-        if (far := away_mm > held_mm).any():
-            row = int(far.argmax())
-            warnings.warn(
-                f"unit {units.unit[row]} at z = {units.z_mm[row]:g} mm{_and_others(far)}: a force "
-                f"in the middle of the pad gives no stress more than {held_mm:.3g} mm away",
-                FembridgeWarning,
-                stacklevel=3,
-            )
-    unit, x_mm, _, _ = units.endings()
+    for margin in pad.margins(units.x_mm, units.z_mm):
+        _refuse(units, margin.rows, margin.problem)
+    far = pad.far_margin(units.x_mm, units.z_mm)
+    if far is not None and far.rows.any():
+        row = int(far.rows.argmax())
+        warn(f"unit {units.unit[row]} {far.problem(row)}{_and_others(far.rows)}")
+    unit, x_mm, z_mm, _ = units.endings()
     layers, depth_mm = np.array(units.layer)[unit], units.depth_mm[unit]
     for layer in np.unique(layers):
         rows = np.flatnonzero(layers == layer)
         try:
-            least_mm, most_mm = pad.depth_range_mm(str(layer), x_mm[rows])
+            least_mm, most_mm = pad.depth_range_mm(str(layer), x_mm[rows], z_mm[rows])
         except UsageError as error:
             raise UsageError(f"unit {units.unit[unit[rows[0]]]}: {error}") from error
         outside = (depth_mm[rows] < least_mm) | (depth_mm[rows] > most_mm)
@@ -383,6 +592,13 @@ def _and_others(bad: BoolArray) -> str:
     return f" (and {count} others)" if count else ""
 
 
+def _available(afferents: Sequence[str], finger: Finger | Pad) -> tuple[str, ...]:
+    """Those of all classes that a pad has; classes that were chosen stay as they are."""
+    if isinstance(finger, Pad) and tuple(afferents) == AFFERENTS:
+        return tuple(name for name in afferents if name in finger.afferents)
+    return tuple(afferents)
+
+
 def _check_count(count: int) -> None:
     if count > _MOST_UNITS:
         raise UsageError(f"{count} units, expected at most {_MOST_UNITS}")
@@ -396,8 +612,14 @@ def _whole_counts(shares: FloatArray) -> IntArray:
     return counts
 
 
-def _site(afferent: str, finger: Finger) -> AfferentSite:
-    site = finger.afferents.get(afferent, SITES.get(afferent))
+def _site(afferent: str, finger: Finger | Pad) -> Site:
+    if isinstance(finger, Pad) and afferent in SITES and afferent not in finger.afferents:
+        raise UsageError(
+            f"the pad has no afferents of class {afferent}, but of {', '.join(finger.afferents)}",
+            argument="population",
+            found=afferent,
+        )
+    site: Site | None = finger.afferents.get(afferent, SITES.get(afferent))
     if site is None:
         raise UsageError(f"afferent {afferent!r}, expected one of {', '.join(SITES)}")
     return site

@@ -1,20 +1,24 @@
-"""What touches the skin: rigid shapes as heights over a plane, and their words.
+"""Rigid shapes that touch the skin, as heights over a plane, and their specifications.
 
 Seen from above the finger, x is to the right and z towards the tip. A shape's height is
 0 where it is lowest, rises from there and is infinite where there is no shape; its middle
 is at the origin until it is `rotated` or `moved`. Edges rise at 45 degrees, as they do on
 embossed plates.
 
-A word is a shape's name and its sizes, ``bar:width_mm=1,length_mm=8``.
+A specification is a shape's name and its sizes, ``bar:width_mm=1,length_mm=8``. Heights are
+functions of this module with their sizes bound, so that a shape can be pickled.
 """
 
 import codecs
 import io
+import logging
 import math
 import re
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
+from hashlib import sha256
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,23 +27,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fembridge.errors import UsageError
-from fembridge.memory import check_memory
-from fembridge.store import read_bytes
-from fembridge.tables import warn_if_cut
-from fembridge.touching.named import named
+from fembridge.host.memory import check_memory
+from fembridge.host.store import read_bytes
+from fembridge.io.text_table import warn_if_cut
+from fembridge.ranges import Range, check_range
 from fembridge.touching.png import MAX_PIXELS, SIGNATURE, read_png
-from fembridge.typing import BoolArray, FloatArray
+from fembridge.touching.specification import from_specification
+from fembridge.typing import BoolArray, FloatArray, Table
 
 if TYPE_CHECKING:
     from matplotlib.path import Path as MatplotlibPath
+_LOGGER = logging.getLogger(__name__)
 
 Height = Callable[[FloatArray, FloatArray], FloatArray]
 
 # The least and the most that a length of a shape may be.
 _LEAST_MM, _MOST_MM = 0.01, 200.0
-# The farthest that a shape may be from the middle of the pad, and turned.
-MAX_AWAY_MM, MAX_TURN_DEG = 10_000.0, 3_600.0
-_MAX_COUNT = 100_000
+_SIZE_MM = Range(_LEAST_MM, _MOST_MM)
+# The farthest that a shape may be from the middle of the pad.
+MAX_AWAY_MM = 10_000.0
+_COUNT = Range(0, 100_000, is_whole=True)
 _MAX_LETTERS = 1_000
 # Where a shape ends, its edge is so high: more than the skin can follow.
 _SLOPE_MM = 2.0
@@ -71,23 +78,74 @@ _BRAILLE_PITCH_MM, _BRAILLE_CELL_MM = 2.34, 6.2
 _BRAILLE_DIAMETER_MM, _BRAILLE_RELIEF_MM = 1.5, 0.48
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Shape:
-    """A rigid shape: `height` in mm of places x, z in mm, and how to call it."""
+    """A rigid shape, as heights over a plane.
+
+    Class methods make the usual ones: `punch`, `sphere`, `cylinder`, `plate`, `bar`, `edge`,
+    `grating`, `dots`, `braille`, `letters`; `from_heights` and `read` take height maps.
+
+    Parameters
+    ----------
+    name
+        Name in messages and records.
+    height
+        Function of x and z in mm, ``(N,)``, that returns the height in mm over the lowest point;
+        infinite beside the shape.
+    x_mm, z_mm
+        Position of the middle across and along the finger in mm. Default: 0.
+    angle_deg
+        Rotation in deg, counter-clockwise as seen from above. Default: 0.
+    origin
+        Digest and pixel of a height map, for the record. Default: nothing.
+
+    Raises
+    ------
+    UsageError
+        A position or rotation out of range.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> fb.Shape.bar(width_mm=1, length_mm=8).rotated(30).moved(0, 2)
+    Shape('bar 1 x 8 mm', at (0, 2) mm, rotated by 30 degrees)
+    """
 
     name: str
     height: Height
     x_mm: float = 0.0
     z_mm: float = 0.0
     angle_deg: float = 0.0
+    origin: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        check_range("x_mm", self.x_mm, -MAX_AWAY_MM, MAX_AWAY_MM)
-        check_range("z_mm", self.z_mm, -MAX_AWAY_MM, MAX_AWAY_MM)
-        check_range("angle_deg", self.angle_deg, -MAX_TURN_DEG, MAX_TURN_DEG)
+        check_range("x_mm", self.x_mm, Range(-MAX_AWAY_MM, MAX_AWAY_MM))
+        check_range("z_mm", self.z_mm, Range(-MAX_AWAY_MM, MAX_AWAY_MM))
+        check_range("angle_deg", self.angle_deg)
+
+    def __repr__(self) -> str:
+        position = f"at ({self.x_mm:g}, {self.z_mm:g}) mm"
+        rotation = f", rotated by {self.angle_deg:g} degrees" if self.angle_deg else ""
+        return f"Shape({self.name!r}, {position}{rotation})"
+
+    def to_table(self) -> Table:
+        """Name, position and rotation, and the digest of a height map, for a record."""
+        return {
+            **self.origin,
+            "name": self.name,
+            "x_mm": float(self.x_mm),
+            "z_mm": float(self.z_mm),
+            "angle_deg": float(self.angle_deg),
+        }
 
     def height_mm(self, x_mm: FloatArray, z_mm: FloatArray) -> FloatArray:
-        """Height over its lowest point at places on the skin; infinite beside it."""
+        """Height in mm over the lowest point at positions on the skin; infinite beside the shape.
+
+        Parameters
+        ----------
+        x_mm, z_mm
+            Positions across and along the finger in mm, ``(N,)`` or any shapes that broadcast.
+        """
         turn = math.radians(self.angle_deg)
         across, along = x_mm - self.x_mm, z_mm - self.z_mm
         x = math.cos(turn) * across + math.sin(turn) * along
@@ -95,74 +153,112 @@ class Shape:
         return self.height(x, z)
 
     def moved(self, x_mm: float, z_mm: float) -> "Shape":
-        """The shape, that way further."""
+        """The shape, moved across and along the finger.
+
+        Parameters
+        ----------
+        x_mm, z_mm
+            Distances in mm.
+        """
         return replace(self, x_mm=self.x_mm + x_mm, z_mm=self.z_mm + z_mm)
 
     def rotated(self, angle_deg: float) -> "Shape":
-        """The shape, rotated about its middle, counter-clockwise."""
+        """The shape, rotated about its middle.
+
+        Parameters
+        ----------
+        angle_deg
+            Angle in deg, counter-clockwise as seen from above.
+        """
         return replace(self, angle_deg=self.angle_deg + angle_deg)
 
     # ---- Shapes
 
     @classmethod
     def punch(cls, diameter_mm: float = 1.0) -> "Shape":
-        """A round pin with a flat end."""
+        """A round pin with a flat end.
+
+        Parameters
+        ----------
+        diameter_mm
+            Diameter in mm. Default: 1.
+        """
         _check(diameter_mm=diameter_mm)
-        return cls(
-            f"punch {diameter_mm:g} mm",
-            lambda x, z: _raised(np.hypot(x, z) - 0.5 * diameter_mm, math.inf),
-        )
+        return cls(f"punch {diameter_mm:g} mm", partial(_punch_height, diameter_mm=diameter_mm))
 
     @classmethod
     def sphere(cls, diameter_mm: float = 5.0) -> "Shape":
-        """A ball."""
+        """A ball.
+
+        Parameters
+        ----------
+        diameter_mm
+            Diameter in mm. Default: 5.
+        """
         _check(diameter_mm=diameter_mm)
-        return cls(f"sphere {diameter_mm:g} mm", lambda x, z: _round(np.hypot(x, z), diameter_mm))
+        return cls(f"sphere {diameter_mm:g} mm", partial(_sphere_height, diameter_mm=diameter_mm))
 
     @classmethod
     def cylinder(cls, diameter_mm: float = 5.0, length_mm: float = math.inf) -> "Shape":
-        """A rod that lies along the finger; rotated by 90 degrees, across it."""
+        """A rod along the finger; rotated by 90 degrees, across it.
+
+        Parameters
+        ----------
+        diameter_mm
+            Diameter in mm. Default: 5.
+        length_mm
+            Length in mm. Default: endless.
+        """
         _check(diameter_mm=diameter_mm)
         if length_mm != math.inf:
             _check(length_mm=length_mm)
-        half_mm = 0.5 * length_mm
-
-        def height(x: FloatArray, z: FloatArray) -> FloatArray:
-            return np.where(np.abs(z) <= half_mm, _round(x, diameter_mm), math.inf)
-
+        height = partial(_cylinder_height, diameter_mm=diameter_mm, length_mm=length_mm)
         return cls(f"cylinder {diameter_mm:g} mm", height)
 
     @classmethod
     def plate(cls) -> "Shape":
         """A flat plate without end."""
-        return cls("plate", lambda x, z: np.zeros(np.broadcast(x, z).shape))
+        return cls("plate", _plate_height)
 
     @classmethod
     def bar(cls, width_mm: float = 1.0, length_mm: float = 10.0) -> "Shape":
-        """A bar across the finger: `width_mm` along it, `length_mm` across."""
+        """A bar across the finger.
+
+        Parameters
+        ----------
+        width_mm
+            Width along the finger in mm. Default: 1.
+        length_mm
+            Length across the finger in mm. Default: 10.
+        """
         _check(width_mm=width_mm, length_mm=length_mm)
         return cls(
             f"bar {width_mm:g} x {length_mm:g} mm",
-            lambda x, z: _raised(_box(x, z, length_mm, width_mm), math.inf),
+            partial(_bar_height, width_mm=width_mm, length_mm=length_mm),
         )
 
     @classmethod
     def edge(cls) -> "Shape":
-        """A plate that ends at ``z = 0``, across the finger; it lies towards the tip."""
-        return cls("edge", lambda x, z: _raised(-z + 0.0 * x, math.inf))
+        """A plate towards the tip whose edge at ``z = 0`` runs across the finger."""
+        return cls("edge", _edge_height)
 
     @classmethod
     def grating(
         cls, groove_mm: float = 1.0, ridge_mm: float = 1.0, relief_mm: float = 1.0
     ) -> "Shape":
-        """Ridges across the finger, grooves between them; a groove is in the middle."""
+        """Ridges across the finger with grooves between them; a groove is in the middle.
+
+        Parameters
+        ----------
+        groove_mm, ridge_mm
+            Widths in mm. Default: 1.
+        relief_mm
+            Depth of the grooves in mm. Default: 1.
+        """
         _check(groove_mm=groove_mm, ridge_mm=ridge_mm, relief_mm=relief_mm)
-        period_mm = groove_mm + ridge_mm
-
-        def height(x: FloatArray, z: FloatArray) -> FloatArray:
-            off_mm = np.abs((z + 0.5 * period_mm) % period_mm - 0.5 * period_mm)
-            return _raised(0.5 * groove_mm - off_mm + 0.0 * x, relief_mm)
-
+        height = partial(
+            _grating_height, groove_mm=groove_mm, ridge_mm=ridge_mm, relief_mm=relief_mm
+        )
         return cls(f"grating {groove_mm:g}/{ridge_mm:g} mm", height)
 
     @classmethod
@@ -174,47 +270,60 @@ class Shape:
         columns: int = 0,
         rows: int = 0,
     ) -> "Shape":
-        """Flat dots on a square lattice, one in the middle; 0 columns or rows: no end."""
+        """Flat dots on a square lattice, one in the middle.
+
+        Parameters
+        ----------
+        spacing_mm
+            Distance of two dots in mm. Default: 2.
+        diameter_mm
+            Diameter of a dot in mm. Default: 0.5.
+        relief_mm
+            Height of a dot in mm. Default: 0.4.
+        columns, rows
+            Numbers of dots across and along. Default: 0, without end.
+        """
         _check(spacing_mm=spacing_mm, diameter_mm=diameter_mm, relief_mm=relief_mm)
-        check_range("columns", columns, 0, _MAX_COUNT)
-        check_range("rows", rows, 0, _MAX_COUNT)
-
-        def height(x: FloatArray, z: FloatArray) -> FloatArray:
-            off_x, off_z = _off_lattice(x, spacing_mm, columns), _off_lattice(z, spacing_mm, rows)
-            return _raised(np.hypot(off_x, off_z) - 0.5 * diameter_mm, relief_mm)
-
+        check_range("columns", columns, _COUNT)
+        check_range("rows", rows, _COUNT)
+        height = partial(
+            _dots_height,
+            spacing_mm=spacing_mm,
+            diameter_mm=diameter_mm,
+            relief_mm=relief_mm,
+            columns=columns,
+            rows=rows,
+        )
         return cls(f"dots {spacing_mm:g} mm", height)
 
     @classmethod
     def braille(cls, text: str = "a") -> "Shape":
-        """Small letters in Braille, read along x; domes of standard size."""
+        """Small letters in Braille, read along x; domes of standard size.
+
+        Parameters
+        ----------
+        text
+            Letters a to z and blanks. Default: ``a``.
+        """
         _check_text("braille", text)
         unknown = sorted(set(text.lower()) - set(_BRAILLE_DOTS))
         if unknown:
             raise UsageError(f"braille text {text!r}: expected letters a to z and blanks")
-        raised = np.array([[dot in _BRAILLE_DOTS[letter] for dot in "123456"]
-                           for letter in text.lower()])  # fmt: skip
-        middle = 0.5 * (len(text) - 1)
-        # A dome is the cap of a ball.
-        radius_mm = 0.5 * (_BRAILLE_DIAMETER_MM**2 / (4 * _BRAILLE_RELIEF_MM) + _BRAILLE_RELIEF_MM)
-
-        def height(x: FloatArray, z: FloatArray) -> FloatArray:
-            # Of the nearest letter alone: from there its neighbours are beyond their domes.
-            cell = np.clip(np.round(x / _BRAILLE_CELL_MM + middle), 0, len(text) - 1)
-            cell_x_mm, letter = (cell - middle) * _BRAILLE_CELL_MM, cell.astype(np.int64)
-            away_mm = np.full(np.broadcast(x, z).shape, math.inf)
-            for dot in range(6):
-                dot_x_mm = cell_x_mm + (-0.5 if dot < 3 else 0.5) * _BRAILLE_PITCH_MM
-                dot_z_mm = (1 - dot % 3) * _BRAILLE_PITCH_MM
-                dot_away_mm = np.hypot(x - dot_x_mm, z - dot_z_mm)
-                away_mm = np.where(raised[letter, dot], np.minimum(away_mm, dot_away_mm), away_mm)
-            return np.minimum(_round(away_mm, 2 * radius_mm), _BRAILLE_RELIEF_MM)
-
-        return cls(f"braille {text!r}", height)
+        return cls(f"braille {text!r}", partial(_braille_height, text=text.lower()))
 
     @classmethod
     def letters(cls, text: str = "A", size_mm: float = 6.0, relief_mm: float = 0.5) -> "Shape":
-        """Raised letters `size_mm` high, read along x."""
+        """Raised letters, read along x.
+
+        Parameters
+        ----------
+        text
+            Printable letters. Default: ``A``.
+        size_mm
+            Height of the letters in the plane in mm. Default: 6.
+        relief_mm
+            Relief in mm. Default: 0.5.
+        """
         _check(size_mm=size_mm, relief_mm=relief_mm)
         _check_text("letters", text)
         from matplotlib.path import Path as Outline
@@ -241,14 +350,30 @@ class Shape:
             grid = np.stack(np.meshgrid(x[column], z[row]), -1)
             part = outline.contains_points(grid.reshape(-1, 2) / scale + middle)
             inside[row, column] ^= part.reshape(grid.shape[:2])
-        return cls.of_grid(_beveled(inside, _PIXEL_MM, relief_mm), _PIXEL_MM, f"letters {text!r}")
+        return cls.from_heights(
+            _beveled(inside, _PIXEL_MM, relief_mm), _PIXEL_MM, f"letters {text!r}"
+        )
 
     @classmethod
-    def of_grid(cls, raised_mm: FloatArray, pixel_mm: float, name: str = "height map") -> "Shape":
-        """Heights on a grid ``(row, column)``, the first row towards the tip.
+    def from_heights(
+        cls, raised_mm: FloatArray, pixel_mm: float, name: str = "height map"
+    ) -> "Shape":
+        """A height map: heights on a grid, bilinear between the middles of pixels.
 
-        The largest of `raised_mm` touches first; NaN is a hole, and so is what is beside
-        the grid. Between middles of pixels heights are bilinear.
+        Parameters
+        ----------
+        raised_mm
+            Heights in mm, ``(row, column)``, the first row towards the tip; the largest touches
+            first. NaN is a hole.
+        pixel_mm
+            Size of a pixel in mm.
+        name
+            Name of the shape. Default: ``height map``.
+
+        Raises
+        ------
+        UsageError
+            Not a grid of 2 x 2 pixels or more, infinite heights, or too large a grid.
         """
         raised = np.asarray(raised_mm, dtype=np.float64)
         if raised.ndim != 2 or min(raised.shape) < 2:
@@ -271,21 +396,10 @@ class Shape:
             )
         filled = np.nanmax(raised) - raised
         filled[hole] = _HOLE_MM
-        rows, columns = filled.shape
-
-        def height(x: FloatArray, z: FloatArray) -> FloatArray:
-            from scipy.ndimage import map_coordinates
-
-            column = np.asarray(x) / pixel_mm + 0.5 * (columns - 1)
-            row = 0.5 * (rows - 1) - np.asarray(z) / pixel_mm
-            column, row = np.broadcast_arrays(column, row)
-            edge = 0.5 + 1e-9
-            inside = (column >= -edge) & (column <= columns - 1 + edge)
-            inside &= (row >= -edge) & (row <= rows - 1 + edge)
-            found = map_coordinates(filled, [row, column], order=1, mode="nearest")
-            return np.where(inside & (found < _HOLE_MM / 1e6), found, math.inf)
-
-        return cls(name, height)
+        digest = sha256(np.ascontiguousarray(raised).tobytes()).hexdigest()
+        origin = {"pixel_mm": float(pixel_mm), "pixels": list(raised.shape), "sha256": digest}
+        height = partial(_map_height, heights_mm=filled, pixel_mm=pixel_mm)
+        return cls(name, height, origin=origin)
 
     @classmethod
     def read(
@@ -293,14 +407,20 @@ class Shape:
         path: Path | str,
         pixel_mm: float,
         relief_mm: float = 0.5,
-        log: Callable[[str], None] = lambda line: None,
     ) -> "Shape":
-        """A height map: a picture, white raised by `relief_mm` over black, or a CSV in mm.
+        """A height map of a file: a picture, or heights in mm as CSV.
 
-        With a negative `relief_mm` black is raised over white. What is transparent is low;
-        where all that is drawn has one colour, it is raised. A CSV holds a height a pixel,
-        rows from the tip down, empty or ``nan`` where there is a hole. A picture must be a
-        PNG: other kinds have no checksums, so that damage would be another shape.
+        Parameters
+        ----------
+        path
+            A PNG picture, white raised over black: transparent pixels are low, and a picture of
+            one opaque colour is raised there. Or a CSV with a height in mm per pixel, rows from
+            the tip down, empty or ``nan`` for a hole. (Other pictures have no checksums: a
+            damaged file would be another shape.)
+        pixel_mm
+            Size of a pixel in mm.
+        relief_mm
+            Height of white over black in mm; negative: of black over white. Default: 0.5.
 
         Raises
         ------
@@ -317,7 +437,7 @@ class Shape:
         content = read_bytes(path, _MAX_FILE_BYTES, UsageError)
         is_table = path.suffix.lower() in _TABLE_SUFFIXES and not content.startswith(SIGNATURE)
         if is_table:
-            return cls.of_grid(_table(path, content), pixel_mm, path.name)
+            return cls.from_heights(_table(path, content), pixel_mm, path.name)
         if not _LEAST_MM <= abs(relief_mm) <= _MOST_MM:
             raise UsageError(
                 f"relief_mm is {relief_mm:g}, expected {_LEAST_MM:g} to {_MOST_MM:g}, or minus that"
@@ -333,11 +453,11 @@ class Shape:
             raise UsageError(f"{path}: one grey all over, expected white where it is raised")
         rim = np.concatenate([raised[[0, -1]].ravel(), raised[:, [0, -1]].ravel()])
         if np.median(rim) > 0.5 * raised.max():
-            log(
+            _LOGGER.info(
                 f"{path.name}: its rim is raised, a plate with holes; --relief-mm {-relief_mm:g} "
                 f"raises {'dark' if relief_mm > 0 else 'light'} parts instead"
             )
-        return cls.of_grid(abs(relief_mm) * raised, pixel_mm, path.name)
+        return cls.from_heights(abs(relief_mm) * raised, pixel_mm, path.name)
 
 
 SHAPES: Mapping[str, Callable[..., Shape]] = {
@@ -349,49 +469,55 @@ SHAPES: Mapping[str, Callable[..., Shape]] = {
 }  # fmt: skip
 
 
-def shape_named(
-    word: str,
-    pixel_mm: float | None = None,
-    relief_mm: float | None = None,
-    log: Callable[[str], None] = lambda line: None,
+def resolve_shape(
+    shape: str | Shape, pixel_mm: float | None = None, relief_mm: float | None = None
 ) -> Shape:
-    """The shape of a word such as ``sphere:diameter_mm=4``, or of a file of heights.
+    """The shape of a specification such as ``sphere:diameter_mm=4``, or of a file of heights.
+
+    Parameters
+    ----------
+    shape
+        A specification, the path of a height map, or a `Shape`, which is returned unchanged.
+    pixel_mm, relief_mm
+        Sizes in mm of a height map, see `Shape.read`. Default: None, `shape` is none; the
+        relief of a picture is 0.5.
 
     Raises
     ------
     UsageError
-        No such shape, size or file; near ones are named. A `pixel_mm` or `relief_mm` that
-        the shape does not use.
+        No such shape, size or file, with near names; a size that the shape does not use.
     """
 
     def read(path: Path) -> Shape:
         if pixel_mm is None:
-            raise UsageError(f"{word}: give the size of a pixel, --pixel-mm")
+            raise UsageError(
+                f"is missing, the size of a pixel of {path}",
+                argument="pixel_mm",
+                expected="a size in mm; in Python fb.Shape.read(path, pixel_mm=...)",
+            )
         if relief_mm is not None and path.suffix.lower() in _TABLE_SUFFIXES:
-            raise UsageError(f"{word} has heights in mm: --relief-mm (relief_mm=) is for a picture")
-        return Shape.read(path, pixel_mm, 0.5 if relief_mm is None else relief_mm, log)
+            raise UsageError(
+                f"is for a picture, and {path} has heights in mm", argument="relief_mm"
+            )
+        return Shape.read(path, pixel_mm, 0.5 if relief_mm is None else relief_mm)
 
-    if word.partition(":")[0] in SHAPES:
-        for name, size_mm in (("pixel", pixel_mm), ("relief", relief_mm)):
+    if not isinstance(shape, Shape | str):
+        raise UsageError(argument="shape", found=shape, expected="a Shape, a text or a path")
+    if isinstance(shape, Shape) or shape.partition(":")[0] in SHAPES:
+        for argument, size_mm in (("pixel_mm", pixel_mm), ("relief_mm", relief_mm)):
             if size_mm is not None:
-                raise UsageError(
-                    f"--{name}-mm ({name}_mm=) is for a file of heights, and {word!r} is none"
-                )
-    return named(word, "shape", SHAPES, read, ".png or .csv")
+                raise UsageError("is for a file of heights", argument=argument, found=size_mm)
+    if isinstance(shape, Shape):
+        return shape
+    return from_specification(shape, "shape", SHAPES, read, ".png or .csv")
 
 
 # ---- Heights
 
 
-def check_range(name: str, value: float, least: float, most: float) -> None:
-    """Refuse a number that is not finite or not from `least` to `most`."""
-    if not least <= value <= most:
-        raise UsageError(f"{name} is {value:g}, expected {least:g} to {most:g}")
-
-
 def _check(**sizes_mm: float) -> None:
     for name, size_mm in sizes_mm.items():
-        check_range(name, size_mm, _LEAST_MM, _MOST_MM)
+        check_range(name, size_mm, _SIZE_MM)
 
 
 def _check_text(name: str, text: str) -> None:
@@ -399,6 +525,86 @@ def _check_text(name: str, text: str) -> None:
         raise UsageError(f"{name} without a letter: nothing would touch")
     if len(text) > _MAX_LETTERS:
         raise UsageError(f"{name}: {len(text)} letters, expected at most {_MAX_LETTERS}")
+
+
+def _punch_height(x: FloatArray, z: FloatArray, diameter_mm: float) -> FloatArray:
+    return _raised(np.hypot(x, z) - 0.5 * diameter_mm, math.inf)
+
+
+def _sphere_height(x: FloatArray, z: FloatArray, diameter_mm: float) -> FloatArray:
+    return _round(np.hypot(x, z), diameter_mm)
+
+
+def _cylinder_height(
+    x: FloatArray, z: FloatArray, diameter_mm: float, length_mm: float
+) -> FloatArray:
+    return np.where(np.abs(z) <= 0.5 * length_mm, _round(x, diameter_mm), math.inf)
+
+
+def _plate_height(x: FloatArray, z: FloatArray) -> FloatArray:
+    return np.zeros(np.broadcast(x, z).shape)
+
+
+def _bar_height(x: FloatArray, z: FloatArray, width_mm: float, length_mm: float) -> FloatArray:
+    return _raised(_box(x, z, length_mm, width_mm), math.inf)
+
+
+def _edge_height(x: FloatArray, z: FloatArray) -> FloatArray:
+    return _raised(-z + 0.0 * x, math.inf)
+
+
+def _grating_height(
+    x: FloatArray, z: FloatArray, groove_mm: float, ridge_mm: float, relief_mm: float
+) -> FloatArray:
+    period_mm = groove_mm + ridge_mm
+    off_mm = np.abs((z + 0.5 * period_mm) % period_mm - 0.5 * period_mm)
+    return _raised(0.5 * groove_mm - off_mm + 0.0 * x, relief_mm)
+
+
+def _dots_height(
+    x: FloatArray,
+    z: FloatArray,
+    spacing_mm: float,
+    diameter_mm: float,
+    relief_mm: float,
+    columns: int,
+    rows: int,
+) -> FloatArray:
+    off_x, off_z = _off_lattice(x, spacing_mm, columns), _off_lattice(z, spacing_mm, rows)
+    return _raised(np.hypot(off_x, off_z) - 0.5 * diameter_mm, relief_mm)
+
+
+def _braille_height(x: FloatArray, z: FloatArray, text: str) -> FloatArray:
+    has_dot = np.array([[dot in _BRAILLE_DOTS[letter] for dot in "123456"] for letter in text])
+    middle = 0.5 * (len(text) - 1)
+    # A dome is the cap of a ball.
+    radius_mm = 0.5 * (_BRAILLE_DIAMETER_MM**2 / (4 * _BRAILLE_RELIEF_MM) + _BRAILLE_RELIEF_MM)
+    # Of the nearest letter alone: from there its neighbours are beyond their domes.
+    cell = np.clip(np.round(x / _BRAILLE_CELL_MM + middle), 0, len(text) - 1)
+    cell_x_mm, letter = (cell - middle) * _BRAILLE_CELL_MM, cell.astype(np.int64)
+    away_mm = np.full(np.broadcast(x, z).shape, math.inf)
+    for dot in range(6):
+        dot_x_mm = cell_x_mm + (-0.5 if dot < 3 else 0.5) * _BRAILLE_PITCH_MM
+        dot_z_mm = (1 - dot % 3) * _BRAILLE_PITCH_MM
+        dot_away_mm = np.hypot(x - dot_x_mm, z - dot_z_mm)
+        away_mm = np.where(has_dot[letter, dot], np.minimum(away_mm, dot_away_mm), away_mm)
+    return np.minimum(_round(away_mm, 2 * radius_mm), _BRAILLE_RELIEF_MM)
+
+
+def _map_height(
+    x: FloatArray, z: FloatArray, heights_mm: FloatArray, pixel_mm: float
+) -> FloatArray:
+    from scipy.ndimage import map_coordinates
+
+    rows, columns = heights_mm.shape
+    column = np.asarray(x) / pixel_mm + 0.5 * (columns - 1)
+    row = 0.5 * (rows - 1) - np.asarray(z) / pixel_mm
+    column, row = np.broadcast_arrays(column, row)
+    edge = 0.5 + 1e-9
+    inside = (column >= -edge) & (column <= columns - 1 + edge)
+    inside &= (row >= -edge) & (row <= rows - 1 + edge)
+    interpolated_mm = map_coordinates(heights_mm, [row, column], order=1, mode="nearest")
+    return np.where(inside & (interpolated_mm < _HOLE_MM / 1e6), interpolated_mm, math.inf)
 
 
 def _raised(outside_mm: FloatArray, relief_mm: float) -> FloatArray:

@@ -9,8 +9,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from decks.analysis import Contact, Model
 from decks.calculix import calculix_deck
+from decks.contact_analysis import Contact, Model
 from decks.presets import QUICK, mesh_of
 from decks.probe import Probe
 from fembridge.stimulus import Stimulus

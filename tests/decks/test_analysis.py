@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from decks.analysis import SAME_MM, Contact, Model
+from decks.contact_analysis import SAME_MM, Contact, Model
 from decks.finger import AfferentSite
 from decks.mesh import Mesh
 from decks.presets import QUICK, mesh_of

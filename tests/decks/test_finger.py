@@ -30,14 +30,17 @@ def test_a_size_that_is_no_size_is_refused_by_its_name():
     for part in (Outline, Skin, Ridges, Papillae, Bone, Nail, Resolution):
         for entry in fields(part):
             for value in (math.nan, math.inf, -math.inf, -1.0):
-                with pytest.raises(FingerError, match=entry.name):
+                with pytest.raises(FingerError) as caught:
                     part(**{entry.name: value})
+                assert caught.value.argument == entry.name
+                assert caught.value.found is value
 
 
 @pytest.mark.parametrize("young_mpa", [0.0, -2.0, 1e-9, 1e12, math.inf])
 def test_a_modulus_that_no_tissue_has_is_refused(young_mpa):
-    with pytest.raises(FingerError, match="young_mpa"):
+    with pytest.raises(FingerError) as refused:
         Material(young_mpa, 0.3)
+    assert (refused.value.argument, refused.value.found) == ("young_mpa", young_mpa)
 
 
 @pytest.mark.parametrize(
@@ -55,30 +58,59 @@ def test_a_resolution_that_makes_no_mesh_is_refused(change, words):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "argument", "found_mm", "expected"),
     [
-        ({"ridges": Ridges(height_mm=0.25)}, "ridges.height_mm is 0.25 mm, .* 0.25 mm"),
-        ({"nail": Nail(thickness_mm=0.65)}, "nail.thickness_mm is 0.65 mm, .* 0.65 mm"),
-        ({"papillae": Papillae(0.4)}, "papillae.height_mm, .* is 0.4 mm, .* 0.4 mm"),
-        ({"skin": Skin(1.0), "ridges": Ridges(height_mm=0.8)}, "ridges, is 0.45 mm, .* 0.4 mm"),
-        ({"skin": Skin(dermis_mm=0.1), "papillae": Papillae(0.3)}, "is 0.3 mm, .* 0.2 mm"),
-        ({"outline": Outline(8.0, 3.6), "bone": Bone(1.0, 0.5, 3.6)}, "is 1.75 mm, .* 1.62 mm"),
-        ({"ridges": Ridges(half_width_mm=9.0)}, "ridges.half_width_mm is 9 mm, .* 8 mm"),
-        ({"ridges": Ridges(spacing_mm=0.4)}, "ridge_mm is 0.125 mm, .* 0.1 mm"),
-        ({"bone": Bone(depth_mm=4.0)}, "with a gap, is 2.05 mm, .* 1.8 mm"),
-        ({"bone": Bone(depth_mm=9.0)}, "other side is 11.2 mm, .* 10.9 mm"),
-        ({"bone": Bone(half_width_mm=5.9)}, "bone.half_width_mm is 5.9 mm"),
-        ({"afferents": {}}, "a finger without afferents"),
-        ({"afferents": {"SA": AfferentSite("dermis", 0.0, 13.1)}}, "SA at x = 0 mm"),
-        ({"afferents": {"SA": AfferentSite("dermis", -8.1, 6.5)}}, "outside the fing"),
-        ({"afferents": {"sa": SITES["SA"]}}, "afferent 'sa': expected a capital"),
-        ({"afferents": {"SA\n*END STEP": SITES["SA"]}}, "expected a capital"),
-        ({"materials": {"dermis": TABLE_1["dermis"]}}, "no material for stratum_corn"),
+        ({"ridges": Ridges(height_mm=0.25)}, "ridges.height_mm", 0.25, "less than 0.25 mm"),
+        ({"nail": Nail(thickness_mm=0.65)}, "nail.thickness_mm", 0.65, "less than 0.65 mm"),
+        ({"papillae": Papillae(0.4)}, "papillae.height_mm", 0.4, "less than 0.4 mm"),
+        (
+            {"skin": Skin(1.0), "ridges": Ridges(height_mm=0.8)},
+            "papillae.height_mm",
+            0.45,
+            "less than 0.4 mm",
+        ),
+        (
+            {"skin": Skin(dermis_mm=0.1), "papillae": Papillae(0.3)},
+            "papillae.height_mm",
+            0.3,
+            "less than 0.2 mm",
+        ),
+        (
+            {"outline": Outline(8.0, 3.6), "bone": Bone(1.0, 0.5, 3.6)},
+            "skin",
+            1.75,
+            "less than 1.62 mm",
+        ),
+        ({"ridges": Ridges(half_width_mm=9.0)}, "ridges.half_width_mm", 9.0, "at most 8 mm"),
+        ({"ridges": Ridges(spacing_mm=0.4)}, "resolution.ridge_mm", 0.125, "at most 0.1 mm"),
+        ({"bone": Bone(depth_mm=4.0)}, "skin", 2.05, "at most 1.8 mm"),
+        ({"bone": Bone(depth_mm=9.0)}, "bone.depth_mm", 11.2, "at most 10.9 mm"),
+        ({"bone": Bone(half_width_mm=5.9)}, "bone.half_width_mm", 5.9, "at most 4.93 mm"),
     ],
 )
-def test_parts_that_do_not_fit_together_are_refused(change, words):
-    with pytest.raises(FingerError, match=words):
+def test_parts_that_do_not_fit_together_are_refused(change, argument, found_mm, expected):
+    with pytest.raises(FingerError) as caught:
         Finger("odd", **change)
+    assert (caught.value.argument, caught.value.expected) == (argument, expected)
+    assert caught.value.found == pytest.approx(found_mm)
+
+
+@pytest.mark.parametrize(
+    ("change", "argument", "found"),
+    [
+        ({"afferents": {}}, "afferents", None),
+        ({"afferents": {"SA": AfferentSite("dermis", 0.0, 13.1)}}, "afferents.SA", None),
+        ({"afferents": {"SA": AfferentSite("dermis", -8.1, 6.5)}}, "afferents.SA", None),
+        ({"afferents": {"sa": SITES["SA"]}}, "afferents", "sa"),
+        ({"afferents": {"SA\n*END STEP": SITES["SA"]}}, "afferents", "SA\n*END STEP"),
+        ({"materials": {"dermis": TABLE_1["dermis"]}}, "materials", None),
+    ],
+)
+def test_afferents_and_materials_that_make_no_finger_are_refused(change, argument, found):
+    with pytest.raises(FingerError) as caught:
+        Finger("odd", **change)
+    assert (caught.value.argument, caught.value.found) == (argument, found)
+    assert "\n" not in str(caught.value)
 
 
 def test_a_smooth_finger_may_have_wide_columns():
@@ -110,19 +142,20 @@ def test_a_bone_that_is_taken_is_clear_of_the_skin_all_around(half_width_mm, dep
 
 
 @pytest.mark.parametrize(
-    ("terms", "words"),
+    ("terms", "argument", "found"),
     [
-        ([(0.6, 0.1), (0.4, 0.2)], "take all of"),
-        ([(0.0, 0.1)], "g must be > 0"),
-        ([(1.0, 0.1)], "take all of"),
-        ([(0.5, 0.0)], "tau_s must be 0.0001 to 10, got 0"),
-        ([(0.5, float("nan"))], "tau_s must be finite"),
-        ([(0.1, 0.1)] * 6, "6 Prony terms, expected at most 5"),
+        ([(0.6, 0.1), (0.4, 0.2)], "prony", None),
+        ([(0.0, 0.1)], "g", 0.0),
+        ([(1.0, 0.1)], "prony", None),
+        ([(0.5, 0.0)], "tau_s", 0.0),
+        ([(0.5, math.inf)], "tau_s", math.inf),
+        ([(0.1, 0.1)] * 6, "prony", 6),
     ],
 )
-def test_terms_that_cannot_be_are_refused(terms, words):
-    with pytest.raises(FingerError, match=words):
+def test_terms_that_cannot_be_are_refused(terms, argument, found):
+    with pytest.raises(FingerError) as caught:
         Material(1.0, 0.4, prony=tuple(PronyTerm(*term) for term in terms))
+    assert (caught.value.argument, caught.value.found) == (argument, found)
 
 
 def test_a_finger_file_has_terms_and_a_density():
@@ -136,18 +169,21 @@ def test_a_finger_file_has_terms_and_a_density():
 
 
 @pytest.mark.parametrize(
-    ("prony", "words"),
+    ("prony", "key", "found"),
     [
-        ("0.3", "prony"),
-        ([0.3], "prony 1: 0.3"),
-        ([{"g": 0.3}], "prony 1.*tau_s"),
-        ([{"g": 0.3, "tau": 1}], "prony 1.*tau_s"),
-        ([{"g": 0.3, "tau_s": 1}, {"g": "x", "tau_s": 1}], "prony 2.g: 'x'"),
+        ("0.3", "prony", "0.3"),
+        ([0.3], "prony 1", 0.3),
+        ([{"g": 0.3}], "prony 1.tau_s", None),
+        ([{"g": 0.3, "tau": 1}], "prony 1.tau", "tau"),
+        ([{"g": 0.3, "tau_s": 1}, {"g": "x", "tau_s": 1}], "prony 2.g", "x"),
+        ([{"g": 0.3, "tau_s": -1}], "prony 1.tau_s", -1.0),
+        ([{"g": 0.6, "tau_s": 1}, {"g": 0.4, "tau_s": 2}], "prony", None),
     ],
 )
-def test_terms_in_a_file_that_mean_nothing_are_refused(prony, words):
-    with pytest.raises(FingerError, match=words):
+def test_terms_in_a_file_that_mean_nothing_are_refused(prony, key, found):
+    with pytest.raises(FingerError) as caught:
         finger_from({"materials": {"dermis": {"prony": prony}}}, "f")
+    assert (caught.value.key, caught.value.found) == (f"materials.dermis.{key}", found)
 
 
 # ---- Files
@@ -165,19 +201,19 @@ x_mm = 0
 depth_mm = 0.70
 """
 
-# Each with what the message names: a key, a value, a place.
+# Each with its key, if it is readable as TOML.
 HOSTILE = {
-    "huge integer": ("[skin]\nepidermis_mm = 1" + 400 * "0", "epidermis_mm"),
-    "endless integer": ("[skin]\nepidermis_mm = 1" + 5000 * "0", "TOML"),
-    "fraction of a row": ("[resolution]\ndermis_rows = 2.5", r"dermis_rows: 2\.5"),
+    "huge integer": ("[skin]\nepidermis_mm = 1" + 400 * "0", "skin.epidermis_mm"),
+    "endless integer": ("[skin]\nepidermis_mm = 1" + 5000 * "0", None),
+    "fraction of a row": ("[resolution]\ndermis_rows = 2.5", "resolution.dermis_rows"),
     "number for a table": ("skin = 3", "skin"),
     "materials": ("materials = 3", "materials"),
     "lines in a name": ('name = "a\\nb"', "name"),
-    "long name": (f'name = "{61 * "x"}"', "name .* 60"),
-    "layer": ('[afferents.SA]\nlayer = "fat"', "fat.* stratum"),
-    "deep": ("a = " + 20_000 * "[", "TOML"),
-    "not UTF-8": ('name = "für"'.encode("latin-1"), "TOML"),
-    "large": ("#" * 1_000_001, "1000000 bytes"),
+    "long name": (f'name = "{61 * "x"}"', "name"),
+    "layer": ('[afferents.SA]\nlayer = "fat"', "afferents.SA.layer"),
+    "deep": ("a = " + 20_000 * "[", None),
+    "not UTF-8": ('name = "für"'.encode("latin-1"), None),
+    "large": ("#" * 1_000_001, None),
 }
 
 NEAR = {
@@ -216,13 +252,12 @@ def test_a_preset_is_found_by_its_name(name, here, file):
 
 @pytest.mark.parametrize("kind", HOSTILE)
 def test_a_hostile_file_is_refused_in_one_clear_line(kind, file):
-    text, words = HOSTILE[kind]
-    path = str(file("mine.toml", text))
-    with pytest.raises(FingerError, match=words) as caught:
-        read_finger(path)
-    message = str(caught.value)
-    assert message.startswith(f"{path}: ")
-    assert len(message.removeprefix(path)) < 400
+    text, key = HOSTILE[kind]
+    path = file("mine.toml", text)
+    with pytest.raises(FingerError) as caught:
+        read_finger(str(path))
+    assert (caught.value.path, caught.value.key) == (path, key)
+    assert len(str(caught.value).removeprefix(str(path))) < 400
 
 
 @pytest.mark.parametrize("text", NEAR)
@@ -233,8 +268,9 @@ def test_an_unknown_key_gets_the_near_ones(text, file):
 
 @pytest.mark.parametrize("name", ["quik", "", ".", "a\0b", 300 * "x", "/dev/zero", "/dev/null/x"])
 def test_what_is_neither_a_preset_nor_a_file_is_refused(name):
-    with pytest.raises(UsageError, match="quick, paper"):
+    with pytest.raises(UsageError) as caught:
         read_finger(name)
+    assert (caught.value.argument, caught.value.found) == ("finger", name)
 
 
 words = st.text('am_."\\\n é€😀', max_size=8)  # not all of Unicode, whose table takes seconds

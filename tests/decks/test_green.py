@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from decks.finger import LAYERS
-from decks.green import CASES, PadMesh, green_deck, prism_of, smooth
 from decks.presets import QUICK
+from decks.unit_loads import CASES, PadMesh, green_deck, prism_of, smooth
 from fembridge.errors import FingerError
 
 COARSE = PadMesh(spacing_mm=0.5, reach_mm=2.0, length_mm=6.0)

@@ -91,21 +91,22 @@ def test_a_probe_beside_or_wider_than_the_pad_is_refused(probe):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "words"),
+    ("fields", "argument", "found"),
     [
-        ({"shape": "cone"}, "cone"),
-        ({"diameter_mm": 0.0}, "diameter_mm .* 0.01 to 20, got 0"),
-        ({"diameter_mm": 21}, "diameter_mm .* got 21"),
-        ({"diameter_mm": np.nan}, "diameter_mm"),
-        ({"fillet_mm": -0.1}, "fillet_mm .* -0.1"),
-        ({"shape": "flat", "fillet_mm": 0.51}, "0.51 mm, .* 0.5 mm"),
-        ({"shape": "flat", "fillet_mm": 1e-9}, "0.001 mm"),
-        ({"x_mm": np.inf}, "x_mm"),
+        ({"shape": "cone"}, "shape", "cone"),
+        ({"diameter_mm": 0.0}, "diameter_mm", 0.0),
+        ({"diameter_mm": 21}, "diameter_mm", 21),
+        ({"diameter_mm": np.inf}, "diameter_mm", np.inf),
+        ({"fillet_mm": -0.1}, "fillet_mm", -0.1),
+        ({"shape": "flat", "fillet_mm": 0.51}, "fillet_mm", 0.51),
+        ({"shape": "flat", "fillet_mm": 1e-9}, "fillet_mm", 1e-9),
+        ({"x_mm": np.inf}, "x_mm", np.inf),
     ],
 )
-def test_a_probe_that_cannot_be_is_refused(wrong, words):
-    with pytest.raises(FingerError, match=words):
-        Probe(**wrong)
+def test_a_probe_that_cannot_be_is_refused(fields, argument, found):
+    with pytest.raises(FingerError) as caught:
+        Probe(**fields)
+    assert (caught.value.argument, caught.value.found) == (argument, found)
 
 
 @pytest.mark.parametrize(("diameter_mm", "fillet_mm"), [(2.0, 0.1), (0.4, 0.1), (0.1, 0.025)])

@@ -1,5 +1,7 @@
 """The catalogue against the appendix and a user's spelling; waveforms against closed forms."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -16,7 +18,7 @@ from decks.stimuli import (
     Sine,
     resolve,
 )
-from decks.waveform import MARGIN_SAMPLES, band_noise, make_stimulus
+from decks.synthesis import MARGIN_SAMPLES, band_noise, make_stimulus
 from fembridge.errors import StimulusError
 
 
@@ -107,31 +109,49 @@ def test_numbers_of_ones_own_are_welcome_where_they_are_complete(word, entry):
         ("diharm_10_60", "diharm_10_50, diharm_10_100"),
         ("diharm_10_50_20", "diharm_F1_F2_A1_A2"),
         ("noise_5_25_1_2", "too many numbers"),
-        ("sine_20_0", "amplitude_um of a sine must be > 0"),
-        ("sine_20_nan", "got nan"),
-        ("sine_1000_5", "below 1000"),
+        ("sine_20_0", "amplitude_um is 0.0"),
+        ("sine_20_nan", "amplitude_um is nan"),
+        ("sine_1000_5", "frequency_hz is 1000.0"),
         ("diharm_10_2000_5_5", "frequency2_hz"),
         ("sine_20_20000", "at most 10000"),
         ("sine_20_0.1234567", "6 decimals"),
-        ("noise_300_20_5", "got 300 to 20 Hz"),
-        ("noise_0.5_20_5", "1 Hz or above"),
+        ("noise_300_20_5", "high_hz is 20.0"),
+        ("noise_0.5_20_5", "low_hz is 0.5"),
         ("", "no stimulus named"),
-        ("ramp", "needs all its numbers: ramp_DEPTH_UP_HOLD_DOWN"),
-        ("ramp_300_100_200_0", "down_ms of a ramp must be > 0"),
+        ("ramp", "ramp_DEPTH_UP_HOLD_DOWN"),
+        ("ramp_300_100_200_0", "down_ms is 0.0"),
         ("ramp_300_100_200_0.7", "multiple of 0.5"),
-        ("ramp_300_100_99900_100", "must end within 100000 ms"),
+        ("ramp_300_100_99900_100", "100250 ms"),
         ("rmp_300_100_200_100", "did you mean ramp"),
         ("ramp_3\u0660\u0660_100_200_100", "no stimulus"),
         ("sine_\uff12\uff10_250", "no stimulus"),
         ("sine_" + "9" * 5000 + "_5", "9..."),
     ],
 )
-def test_what_is_no_stimulus_is_refused_in_one_line_as_misuse(word, shown):
+def test_an_invalid_id_is_refused_in_one_line_as_misuse(word, shown):
     with pytest.raises(StimulusError) as refusal:
         resolve(word)
     assert shown in str(refusal.value)
+    assert refusal.value.found in (word, None) or len(word) > 1000
     assert "\n" not in str(refusal.value)
     assert refusal.value.exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("family", "numbers", "argument"),
+    [
+        (Sine, (0.0, 5.0), "frequency_hz"),
+        (Sine, (20.0, math.nan), "amplitude_um"),
+        (Noise, (0.5, 20.0, 5.0), "low_hz"),
+        (Noise, (300.0, 20.0, 5.0), "high_hz"),
+        (Ramp, (300.0, 100.0, 200.0, 0.7), "down_ms"),
+    ],
+)
+def test_a_number_that_no_stimulus_has_is_refused_by_its_name(family, numbers, argument):
+    with pytest.raises(StimulusError) as caught:
+        family(*numbers)
+    assert caught.value.argument == argument
+    assert caught.value.found in numbers
 
 
 def test_each_noise_has_a_seed_of_its_own_that_its_id_gives():
@@ -228,19 +248,21 @@ def test_the_noise_of_the_catalogue_has_not_changed_since_it_was_published():
 
 
 @pytest.mark.parametrize(
-    ("entry", "options", "words"),
+    ("entry", "argument", "value"),
     [
-        (Noise(5, 25, 1), {"seed": -1}, "seed must be >= 0, got -1"),
-        (Sine(0.001, 0.0001), {}, "0.5 ms"),
-        *(
-            (Sine(20, 250), {"preindent_um": um}, "sine_20_250: preindent_um must be")
-            for um in (-1.0, float("nan"), float("inf"), 2e4)
-        ),
+        (Noise(5, 25, 1), "seed", -1),
+        *((Sine(20, 250), "preindent_um", um) for um in (-1.0, math.nan, math.inf, 2e4)),
     ],
 )
-def test_what_no_probe_can_do_is_refused(entry, options, words):
-    with pytest.raises(StimulusError, match=words):
-        make_stimulus(entry, **options)
+def test_a_seed_or_a_depth_out_of_range_is_refused(entry, argument, value):
+    with pytest.raises(StimulusError) as caught:
+        make_stimulus(entry, **{argument: value})
+    assert (caught.value.argument, caught.value.found) == (argument, value)
+
+
+def test_a_stimulus_that_rounds_to_nothing_is_refused():
+    with pytest.raises(StimulusError, match="all samples"):
+        make_stimulus(Sine(0.001, 0.0001))
 
 
 def test_a_ramp_goes_straight_from_corner_to_corner():

@@ -69,7 +69,7 @@ class Outputs:
         self.write("new")
 
     def write(self, text):
-        from fembridge.store import filling, write_text
+        from fembridge.host.store import filling, write_text
 
         with filling(self.folder, last="record.toml") as draft:
             for name in ("a.csv", "b.csv", "record.toml"):
@@ -109,8 +109,8 @@ class Results:
         self.build(NEW)
 
     def build(self, deck):
-        from fembridge.run_folder import RunFolder
-        from fembridge.store import sha256_of
+        from fembridge.host.store import sha256_of
+        from fembridge.io.run_folder import RunFolder
 
         self.folder.mkdir(exist_ok=True)
         path = self.folder / "job.inp"
@@ -118,7 +118,7 @@ class Results:
         RunFolder(self.folder, "calculix", 1, 0.5, 0.0, (), sha256_of(path)).write()
 
     def act(self):
-        from fembridge.run_folder import read_run_folder
+        from fembridge.io.run_folder import read_run_folder
         from fembridge.solver import ccx
 
         ccx.start = self.solve
@@ -136,7 +136,7 @@ class Results:
         return Ended()
 
     def check(self):
-        from fembridge.run_folder import read_run_folder
+        from fembridge.io.run_folder import read_run_folder
         from fembridge.solver.ccx import finished_outcome
 
         run = read_run_folder(self.folder)

@@ -7,9 +7,9 @@ import time
 import pytest
 
 from fembridge.cli import main
-from fembridge.run_folder import read_run_folder
+from fembridge.io.run_folder import read_run_folder
 from fembridge.solver.ccx import run_ccx, run_folders
-from fembridge.solver.settings import SolverSettings
+from fembridge.solver.settings import Solver
 from fembridge.solver.verdict import Cause
 
 PATIENCE_S = 60.0
@@ -53,7 +53,7 @@ def test_results_are_known_by_content_whatever_their_date(fake_ccx, make_run, ca
 def test_a_clock_that_moves_during_a_run_changes_neither_its_cost_nor_its_end(
     fake_ccx, make_run, moved_clock
 ):
-    outcome = run_ccx(read_run_folder(make_run("normal")), SolverSettings(time_limit_s=300))
+    outcome = run_ccx(read_run_folder(make_run("normal")), Solver(time_limit_s=300))
     assert outcome.accepted
     assert 0 <= outcome.wall_s < 300
 
@@ -63,7 +63,7 @@ def test_a_clock_that_moves_does_not_put_off_a_limit(fake_ccx, make_run, moved_c
     late = threading.Timer(PATIENCE_S, halt.set)
     late.start()
     try:
-        settings = SolverSettings(stall_limit_s=0.3)
+        settings = Solver(stall_limit_s=0.3)
         outcome = run_ccx(read_run_folder(make_run("hang")), settings, halt)
     finally:
         late.cancel()

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from fembridge.errors import FembridgeError
+from fembridge.io.run_folder import read_run_folder, read_waveform
 from fembridge.response.indentation import measured_response
-from fembridge.run_folder import read_run_folder, read_waveform
-from fembridge.simulation import stimuli_in
+from fembridge.simulation.folder import stimuli_in
 from fembridge.solver.ccx import run_folders
 from fembridge.solver.verdict import Cause, SolverLog, judge
 

@@ -13,12 +13,14 @@ import numpy as np
 import pytest
 
 from decks.stimuli import resolve
-from decks.waveform import make_stimulus
+from decks.synthesis import make_stimulus
 from fembridge.errors import FembridgeError, FembridgeWarning
-from fembridge.evidence import FOLDER, MAN, read_evidence
-from fembridge.observed import read_observed
-from fembridge.stimulus_file import FORMATS, read_stimulus, write_stimulus
-from fembridge.tables import read_rates, read_spikes, read_traces
+from fembridge.evidence import FOLDER, HUMAN, read_evidence
+from fembridge.host.terminal import logged_lines
+from fembridge.io.observed_rates import read_observed
+from fembridge.io.spike_table import read_rates, read_spikes
+from fembridge.io.trace_table import read_traces
+from fembridge.io.waveform_file import FORMATS, read_stimulus, write_stimulus
 
 MUTATIONS = 60
 ODD_CELLS = (
@@ -32,8 +34,8 @@ def values_of(traces):
     return [(t.stress_pa, t.dt_ms, t.node, t.afferent, t.start_ms, t.unit) for t in traces]
 
 
-def stimulus_of(path, log, **options):
-    stimulus = read_stimulus(path, log=log, **options)
+def stimulus_of(path, **options):
+    stimulus = read_stimulus(path, **options)
     aside_um = () if stimulus.aside_um is None else np.diff(stimulus.aside_um)  # from the first
     return [stimulus.displacement_um, stimulus.preindent_um, aside_um]
 
@@ -51,7 +53,7 @@ def kinds(rng):
     named = {"time": "t_s", "value": "p_kpa"}
     yield (
         "traces.csv",
-        lambda path, log: values_of(read_traces(path, log)),
+        lambda path: values_of(read_traces(path)),
         rows(
             "time_ms,afferent,node,von_mises_pa",
             [f"{t},{a},{n},{number()}" for a, n in (("SA", 4), ("RA", 9)) for t in TIMES_MS],
@@ -59,31 +61,29 @@ def kinds(rng):
     )
     yield (
         "robot.csv",
-        lambda path, log: values_of(read_traces(path, log, columns=named)),
+        lambda path: values_of(read_traces(path, columns=named)),
         rows("t_s;p_kpa;z", [f"{t / 1000};{number()};1".replace(".", ",") for t in TIMES_MS]),
     )
     yield (
         "spikes.csv",
-        lambda path, log: [
-            (train.stimulus, train.afferent, train.repeat, train.unit, time_ms)
+        lambda path: [
+            (train.stimulus, train.afferent, train.cell, train.trial, train.unit, time_ms)
             for train in read_spikes(path)
             for time_ms in train.times_ms
         ],
         rows(
-            "stimulus,afferent,unit,repeat,spike_time_ms",
-            [f"s,{a},u,{k},{number()}" for a in ("SA", "RA") for k in (1, 2) for _ in range(4)],
+            "stimulus,afferent,unit,cell,trial,spike_time_ms",
+            [f"s,{a},u,{k},1,{number()}" for a in ("SA", "RA") for k in (1, 2) for _ in range(4)],
         ),
     )
     yield (
         "rates.csv",
-        lambda path, log: [(r.stimulus, r.afferent, r.rate_ips, r.unit) for r in read_rates(path)],
+        lambda path: [(r.stimulus, r.afferent, r.rate_ips, r.unit) for r in read_rates(path)],
         rows("stimulus,afferent,unit,rate_ips", [f"s{k},SA,u,{number()}" for k in range(9)]),
     )
     yield (
         "observed.csv",
-        lambda path, log: [
-            (r.stimulus, r.afferent, r.rate_ips) for r in read_observed(path).rates()
-        ],
+        lambda path: [(r.stimulus, r.afferent, r.rate_ips) for r in read_observed(path).rates()],
         rows(
             "stimulus,afferent,rate_ips",
             [f"sine_20_{k},{a},{number()}" for k in (25, 250, 18) for a in ("SA", "RA")],
@@ -99,8 +99,8 @@ def kinds(rng):
     )
     yield (
         "evidence.csv",
-        lambda path, log: read_evidence(path, MAN).table.to_numpy().tolist(),
-        (FOLDER / f"{MAN}.csv").read_bytes(),
+        lambda path: read_evidence(path, HUMAN).table.to_numpy().tolist(),
+        (FOLDER / f"{HUMAN}.csv").read_bytes(),
     )
 
 
@@ -142,13 +142,12 @@ def leaves(value):
 
 def read(reader, path):
     """Leaves or None of an error, and whether a warning or a remark came with them."""
-    remarks = []
-    with warnings.catch_warnings():
+    with logged_lines() as remarks, warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("always", category=FembridgeWarning)
         with warnings.catch_warnings(record=True) as caught:
             try:
-                found = leaves(reader(path, remarks.append))
+                found = leaves(reader(path))
             except FembridgeError as error:
                 assert len(str(error).replace(str(path.parent), "")) < 400
                 return None, True

@@ -8,8 +8,8 @@ import pytest
 
 from fembridge.cli import main
 from fembridge.errors import OutputError
-from fembridge.recording import FORMATS, Recording
-from fembridge.tables import SpikeTrain
+from fembridge.io.recording import FORMATS, Recording
+from fembridge.io.spike_table import SpikeTrain
 
 WORDS = ["simulate", "--stored", "--no-plot", "-o"]
 
@@ -17,7 +17,7 @@ FILL = """
 import contextlib, io, json, pathlib, sys
 from fembridge.cli import main
 from fembridge.errors import OutputError
-from fembridge.store import folder_lock
+from fembridge.host.store import folder_lock
 place, *words = sys.argv[1:]
 folder = pathlib.Path(place) / "out"
 def contents():
@@ -94,7 +94,7 @@ def test_a_recording_on_a_full_disk_is_one_line_whatever_its_library_prints(
     path = tmp_path / f"spikes{FORMATS[kind].suffix}"
     times_ms = np.linspace(1.0, 400.0, 500)
     trains = [SpikeTrain("sine", name, times_ms) for name in ("SA", "RA", "PC")]
-    recording = Recording.of_trains(trains, 0.5, 500.0)
+    recording = Recording.from_trains(trains, 0.5, 500.0)
     recording.write(path)
     before = path.read_bytes()
     capfd.readouterr()

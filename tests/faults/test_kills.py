@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fembridge.store import filling, write_text
+from fembridge.host.store import filling, write_text
 
 KILLED_AT = Path(__file__).with_name("killed_at.py")
 LEAST = 10

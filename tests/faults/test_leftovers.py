@@ -8,8 +8,8 @@ import pytest
 
 from fembridge.cli import main
 from fembridge.errors import OutputError
+from fembridge.host.store import DRAFT_PREFIX, folder_lock, temporary_folder
 from fembridge.results.byte_file import ByteFile
-from fembridge.store import DRAFT_PREFIX, folder_lock, temporary_folder
 
 SOLVER = """
 import os, sys, time
@@ -105,7 +105,7 @@ def test_a_packed_result_has_no_name_where_it_is_unpacked(temporary, tmp_path):
     path.write_bytes(gzip.compress(b"    1C\n 9999\n"))
     with ByteFile(path) as file:
         assert not names_below(temporary)
-        assert file.place.read_bytes() == b"    1C\n 9999\n"
+        assert file.data_path.read_bytes() == b"    1C\n 9999\n"
         assert file.line(0) == (b"    1C", 7)
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from fembridge.cli import main
-from fembridge.run_folder import read_run_folder
+from fembridge.io.run_folder import read_run_folder
 from fembridge.solver.ccx import run_ccx
 
 NAMES = {

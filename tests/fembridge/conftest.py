@@ -1,29 +1,40 @@
 """What tests of pictures, sweeps, commands that are refused, and of a run that is read share."""
 
+import json
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fembridge.cli import main
-from fembridge.executor import HereExecutor
-from fembridge.run_folder import AfferentNode, RunFolder
+from fembridge.host.executor import HereExecutor
+from fembridge.io.run_folder import AfferentNode, RunFolder
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
+sys.path.insert(0, str(Path(__file__).parent))  # where own_block is
 
 
 @pytest.fixture
 def refused(tmp_path, monkeypatch, capsys):
-    """Run a command in the test's folder: one line that says `found`, and no file is written."""
+    """Run a command in the test's folder: an exit code, one line on stderr, and no file.
+
+    `expected` are fields of the error, such as ``argument``, ``found``, ``path`` and ``line``,
+    or a text that the line contains.
+    """
     monkeypatch.chdir(tmp_path)
 
-    def check(words, found, code=2):
+    def check(words, expected, code=2):
         before = sorted(tmp_path.rglob("*"))
-        assert main([str(word) for word in words]) == code
+        assert main([*map(str, words), "--json"]) == code
         out, err = capsys.readouterr()
-        assert found in err
-        assert (out, err.count("\n")) == ("", 1), err
+        error = json.loads(out)["error"]
+        if isinstance(expected, dict):
+            assert {name: error.get(name) for name in expected} == expected
+        else:
+            assert expected in err
+        assert err == f"fembridge: {' '.join(error['message'].splitlines())}\n"
         assert sorted(tmp_path.rglob("*")) == before
         return err
 
@@ -54,7 +65,7 @@ def unrendered(monkeypatch):
 
     monkeypatch.setattr("fembridge.plots.style.save_figure", save)
     for name in ("effects_figure", "regressions_figure"):
-        monkeypatch.setattr(f"fembridge.plots.sensitivity.{name}", lambda *of: Figure())
+        monkeypatch.setattr(f"fembridge.plots.sensitivity_charts.{name}", lambda *of: Figure())
 
 
 @pytest.fixture(scope="session")

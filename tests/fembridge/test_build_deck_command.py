@@ -12,12 +12,12 @@ import fembridge as fb
 from decks.presets import PRESETS, model_of
 from decks.probe import Probe
 from decks.stimuli import resolve
-from decks.waveform import make_stimulus
-from fembridge.build import build_run_folder
+from decks.synthesis import make_stimulus
 from fembridge.cli import main
 from fembridge.errors import OutputError
-from fembridge.run_folder import read_run_folder, read_waveform
-from fembridge.store import sha256_of
+from fembridge.host.store import sha256_of
+from fembridge.io.run_folder import read_run_folder, read_waveform
+from fembridge.solver.build import build_run_folder
 
 LEVELS = ["0.25", "1", "5", "10", "20"]
 
@@ -28,7 +28,8 @@ def test_a_set_gives_a_folder_a_level(here, capsys):
     streams = capsys.readouterr()
     folders = [f"runs/noise_25_250_{level}" for level in LEVELS]
     assert streams.out.splitlines() == [f"{folder}  520 increments of 0.5 ms" for folder in folders]
-    assert streams.err == ""
+    [line] = streams.err.splitlines()
+    assert "75 um" in line
     assert sorted(f"runs/{path.name}" for path in (here / "runs").iterdir()) == sorted(folders)
     assert main([*words, "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
@@ -59,27 +60,27 @@ def test_options_arrive_in_the_record_of_the_deck(here):
     ("words", "code", "found"),
     [
         (["--stimulus", "sine_20_-5"], 2, "sine_20_-5"),
-        (["--friction", "-1"], 2, "--friction: '-1', expected a number from 0 to 10"),
+        (["--friction", "-1"], 2, {"argument": "--friction", "found": "-1"}),
         (
             ["--stiffness-mpa-per-mm", "0"],
             2,
-            "--stiffness-mpa-per-mm: '0', expected a number more than 0",
+            {"argument": "--stiffness-mpa-per-mm", "found": "0"},
         ),
         (
             ["--probe-diameter-mm", "-1"],
             2,
-            "--probe-diameter-mm: '-1', expected a number from 0.01 to 20",
+            {"argument": "--probe-diameter-mm", "found": "-1"},
         ),
         (["--probe-fillet-mm", "0.05"], 2, "--probe-shape flat"),
         (["--probe-x-mm", "50"], 1, "the probe spans x = "),
-        (["--slide-mm-per-s", "0"], 2, "slides at 0 mm/s"),
+        (["--slide-mm-per-s", "0"], 2, {"argument": "--slide-mm-per-s", "found": 0.0}),
         (["--slide-mm-per-s", "1e4"], 1, "expected inside the pad"),
-        (["--solver", "marc", "--slide-mm-per-s", "4"], 1, "no sliding probe for marc"),
-        (["--solver", "marc", "--contact", "surface-to-surface"], 2, "marc has no formulation"),
-        (["--solver", "marc", "--element", "82"], 2, "marc has no element '82'"),
-        (["--solver", "marc", "--frames", "5"], 2, "a deck for marc has results at all nodes"),
-        (["--inertia", "--frames", "5"], 2, "frames"),
-        (["--frames", "-1"], 2, "--frames: '-1', expected a whole number from 0"),
+        (["--solver", "marc", "--slide-mm-per-s", "4"], 1, "marc"),
+        (["--solver", "marc", "--contact", "surface-to-surface"], 2, "--contact"),
+        (["--solver", "marc", "--element", "82"], 2, {"argument": "--element", "found": "82"}),
+        (["--solver", "marc", "--frames", "5"], 2, "marc"),
+        (["--inertia", "--frames", "5"], 2, {"argument": "--frames", "found": 5}),
+        (["--frames", "-1"], 2, {"argument": "--frames", "found": "-1"}),
     ],
 )
 def test_what_no_deck_can_hold_is_one_line_and_nothing_is_written(refused, words, code, found):
@@ -175,7 +176,7 @@ def test_building_again_touches_nothing_nor_does_a_disk_that_is_full(tmp_path, m
     before = contents()
     build_run_folder(tmp_path, model, stimulus)
     assert contents() == before
-    monkeypatch.setattr("fembridge.build.write_csv", disk_full)
+    monkeypatch.setattr("fembridge.solver.build.write_csv", disk_full)
     with pytest.raises(OutputError, match=r"stimulus\.csv"):
         build_run_folder(tmp_path, model, stimulus_of("sine_100_85.98"))
     assert contents() == before

@@ -6,16 +6,18 @@ import resource
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from fembridge import cache
+from decks.presets import QUICK, model_of
 from fembridge.cli import main
 from fembridge.errors import UsageError
-from fembridge.response.indentation import in_words, increment_s
+from fembridge.host import cache
+from fembridge.host.store import DRAFT_PREFIX, write_sealed
+from fembridge.response.indentation import format_duration, increment_s, solve_response
 from fembridge.solver.verdict import Cause
-from fembridge.store import DRAFT_PREFIX, write_sealed
 
 KEY = cache.key_of({"deck": "a", "version": "2.20"})
 
@@ -87,7 +89,7 @@ def test_the_entries_unused_longest_make_room(folder, monkeypatch, results):
         key = cache.key_of({"deck": number})
         cache.keep(key, f"run {number}", {}, results)
         os.utime(folder / key / cache.ENTRY_FILE, (number, number))
-    assert [entry.what for entry in cache.entries()] == ["run 2", "run 1"]
+    assert [entry.title for entry in cache.entries()] == ["run 2", "run 1"]
 
 
 DAMAGES = {
@@ -191,7 +193,7 @@ def test_a_forecast_leaves_out_a_record_without_costs(folder, results, record):
 KEEP_OFTEN = """
 import sys
 from pathlib import Path
-from fembridge import cache
+from fembridge.host import cache
 key, number, *results = sys.argv[1:]
 for _ in range(20):
     cache.check_cache()
@@ -408,7 +410,14 @@ def test_a_limit_of_the_users_is_no_result(solve, fake_ccx, make_run):
 
 def test_a_time_in_words():
     times_s = (0.2, 9.7, 41.3, 240, 20_500, 500_000)
-    assert [in_words(s) for s in times_s] == ["1 s", "10 s", "41 s", "4 min", "5.7 h", "140 h"]
+    assert [format_duration(s) for s in times_s] == [
+        "1 s",
+        "10 s",
+        "41 s",
+        "4 min",
+        "5.7 h",
+        "140 h",
+    ]
 
 
 def test_a_forecast_learns_from_the_runs_in_the_cache(fake_ccx, make_run, tmp_path):
@@ -420,3 +429,21 @@ def test_a_forecast_learns_from_the_runs_in_the_cache(fake_ccx, make_run, tmp_pa
     assert increment_s(3100) == pytest.approx(4.0)
     assert increment_s(6200) == pytest.approx(4.0 * 2**1.15)
     assert 0 < unknown_s < 4.0
+
+
+def test_a_forecast_is_of_the_first_run_that_the_cache_cannot_answer(
+    replaying_ccx, tmp_path, logged
+):
+    """Asked again, the cache answers and nothing is forecast; a new deck is forecast again."""
+    model = model_of(QUICK)
+    forecasts = []
+    for run, solved in (
+        ("first", model),
+        ("again", model),
+        ("law", replace(model, law="neo-hookean")),
+    ):
+        before = len(logged)
+        solve_response(tmp_path / run, solved)
+        forecasts.append([line for line in logged[before:] if line.startswith("indentation to ")])
+    assert [len(lines) for lines in forecasts] == [1, 0, 1]
+    assert "39 increments" in forecasts[0][0]

@@ -12,10 +12,10 @@ import tomllib
 
 import pytest
 
-from fembridge import cache
 from fembridge.cli import main
 from fembridge.errors import UsageError
-from fembridge.store import write_sealed
+from fembridge.host import cache
+from fembridge.host.store import write_sealed
 
 SEEDS = range(int(os.environ.get("CACHE_SEEDS", "6")))
 KEYS = [cache.key_of({"deck": number}) for number in range(6)]

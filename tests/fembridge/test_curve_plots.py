@@ -7,16 +7,16 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.stimuli import resolve
-from decks.waveform import make_stimulus
+from decks.synthesis import make_stimulus
 from fembridge.errors import UsageError
-from fembridge.plots.rates import placed, rates_figure
+from fembridge.io.run_folder import AfferentNode
+from fembridge.io.spike_table import Rate
+from fembridge.plots.rate_comparison import placed, rates_figure
 from fembridge.plots.response import response_figure
+from fembridge.plots.stress_history import MAX_PANELS, trace_figure
 from fembridge.plots.style import AFFERENT_COLOURS, INK
-from fembridge.plots.trace import MAX_PANELS, trace_figure
-from fembridge.plots.waveform import scale_ticks, waveform_figure
+from fembridge.plots.waveform_overview import scale_ticks, waveform_figure
 from fembridge.response.response_map import ResponseMap
-from fembridge.run_folder import AfferentNode
-from fembridge.tables import Rate
 from fembridge.trace import StressTrace
 
 DEPTH_UM = np.array([0.0, 50.0, 150.0, 400.0])

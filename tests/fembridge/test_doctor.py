@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from fembridge import machine
 from fembridge.cli import main
 from fembridge.errors import MissingError
-from fembridge.machine import (
+from fembridge.host import machine
+from fembridge.host.machine import (
     PACKAGES,
     SOLVER_INSTALL_LINE,
     check_ccx,
@@ -78,17 +78,17 @@ def test_exit_201_is_a_healthy_answer_to_the_version_question(bin_folder):
     program(bin_folder / "ccx", 'printf "\\nThis is Version 2.20\\n\\n"; exit 201')
     check = check_ccx()
     assert check.state == "ok"
-    assert check.found == f"2.20, {bin_folder / 'ccx'}"
+    assert check.finding == f"2.20, {bin_folder / 'ccx'}"
 
 
 def test_a_solver_that_does_not_start_tells_why(bin_folder):
     program(bin_folder / "ccx", "echo 'libspooles.so.2.2: cannot open' >&2; exit 127")
     check = check_ccx()
     assert check.state == "note"
-    assert "exit 127" in check.found
-    assert "libspooles.so.2.2" in check.found
+    assert "exit 127" in check.finding
+    assert "libspooles.so.2.2" in check.finding
     (bin_folder / "ccx").write_bytes(b"\x7fELF nonsense")
-    assert check_ccx().found.startswith(str(bin_folder / "ccx"))
+    assert check_ccx().finding.startswith(str(bin_folder / "ccx"))
 
 
 def test_without_a_solver_the_doctor_is_content_and_tells_the_line(bin_folder, capsys):
@@ -113,7 +113,7 @@ def test_a_package_that_is_too_old_is_said_with_both_versions(monkeypatch):
     for here, state in (("2.0.0", "ok"), ("2.0rc1", "ok"), ("1.25.9", "missing")):
         monkeypatch.setattr(importlib.metadata, "version", lambda name, here=here: here)
         assert check_package("numpy").state == state
-    assert check_package("numpy").found == "1.25.9, older than 2.0"
+    assert check_package("numpy").finding == "1.25.9, older than 2.0"
 
 
 def test_the_doctor_asks_for_the_dependencies_that_the_project_declares():
@@ -129,7 +129,7 @@ def test_gmsh_without_its_system_libraries_names_the_library_and_the_line(tmp_pa
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     check = check_gmsh()
     assert check.state == "note"
-    assert reason in check.found
+    assert reason in check.finding
     assert SOLVER_INSTALL_LINE in check.remedy
 
 
@@ -141,4 +141,4 @@ def test_a_folder_is_tried_and_left_as_it_was(tmp_path, monkeypatch):
     assert "make room" in check_folder(tmp_path).remedy
     gone = check_folder(tmp_path / "gone")
     assert gone.state == "note"
-    assert "No such file" in gone.found
+    assert "No such file" in gone.finding

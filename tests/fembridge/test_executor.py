@@ -16,9 +16,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from fembridge import executor as module
 from fembridge.errors import MissingError
-from fembridge.executor import LocalExecutor, WorkerDiedError
+from fembridge.host import executor as module
+from fembridge.host.executor import LocalExecutor, WorkerDiedError
 
 
 def test_answers_come_from_other_processes():
@@ -88,7 +88,7 @@ def test_a_process_goes_though_its_signal_comes_before_it_waits(monkeypatch):
 
 OWNER = """
 import os, time
-from fembridge.executor import LocalExecutor
+from fembridge.host.executor import LocalExecutor
 executor = LocalExecutor(1)
 print(executor.submit(os.getpid).result(), flush=True)
 executor.submit(time.sleep, 60)

@@ -13,8 +13,8 @@ import pytest
 import fembridge as fb
 from fembridge.cli import main
 from fembridge.errors import ResultError
-from fembridge.run_folder import read_run_folder
-from fembridge.tables import read_traces
+from fembridge.io.run_folder import read_run_folder
+from fembridge.io.trace_table import read_traces
 
 pytestmark = pytest.mark.usefixtures("here")
 SAMPLES = Path(__file__).parents[2] / "fixtures" / "frd_samples"
@@ -64,7 +64,9 @@ def test_without_nodes_the_file_is_listed_with_a_command_that_works(here, capsys
     assert main(command[1:]) == 0
     assert len(rows_of(here / "cpe4_ascii_traces.csv")) == 4
     assert main(["ingest", ASCII, "-o", "traces.csv"]) == 2  # asked for, and nothing chosen
-    assert "choose with --node N or all, --set NAME or --near X,Y" in capsys.readouterr().err
+    assert (
+        "choose with --node N or all, --node-set NAME or --near-mm X,Y" in capsys.readouterr().err
+    )
 
 
 def test_a_run_without_afferents_is_listed_and_asks_for_nodes(here, run_folder, capsys):
@@ -83,7 +85,7 @@ def test_a_run_without_afferents_is_listed_and_asks_for_nodes(here, run_folder, 
 
 
 def test_nodes_of_a_set_and_near_a_place_are_named_on_stderr(capsys):
-    words = ["--set", "probes", "--across-materials", "--near", "1.5,0.3", "-o", "t.csv"]
+    words = ["--node-set", "probes", "--across-materials", "--near-mm", "1.5,0.3", "-o", "t.csv"]
     assert main(["ingest", ASCII, *words]) == 0
     assert nodes_of("t.csv") == ["11", "18", "25"]
     logged = capsys.readouterr()
@@ -94,10 +96,10 @@ def test_nodes_of_a_set_and_near_a_place_are_named_on_stderr(capsys):
 
 def test_a_set_needs_a_deck_and_can_name_one(here, capsys):
     shutil.copy(ASCII, here / "mine.frd")
-    assert main(["ingest", "mine.frd", "--set", "PROBES"]) == 2
-    assert "no deck mine.inp beside it; name one: --deck" in capsys.readouterr().err
+    assert main(["ingest", "mine.frd", "--node-set", "PROBES"]) == 2
+    assert "no deck mine.inp" in capsys.readouterr().err
     (here / "other.inp").write_text("*NSET, NSET=ONE\n25\n")
-    words = ["--set", "one", "--deck", "other.inp", "-o", "t.csv"]
+    words = ["--node-set", "one", "--deck", "other.inp", "-o", "t.csv"]
     assert main(["ingest", "mine.frd", *words]) == 0
     assert nodes_of("t.csv") == ["25"]
 
@@ -105,19 +107,25 @@ def test_a_set_needs_a_deck_and_can_name_one(here, capsys):
 @pytest.mark.parametrize(
     ("words", "shown"),
     [
-        ([ASCII, "--list", "--node", "1"], "--list and --node do not go together"),
-        ([ASCII, "--node", "11", "--increment", "2"], "--increment is for --field"),
-        ([ASCII, "--point", "1:1"], "--point is for a .dat"),
-        ([DAT, "--vtu", "v"], "--vtu is for a .frd"),
-        ([DAT, "--extrapolate", "linear"], "is asked of a Marc post file alone"),
-        ([DAT, "--quantity", "forces", "stresses"], "--quantity takes one name"),
+        ([ASCII, "--list", "--node", "1"], {"argument": "--list", "path": ASCII}),
+        ([ASCII, "--node", "11", "--increment", "2"], {"argument": "--increment"}),
+        ([ASCII, "--point", "1:1"], {"argument": "--point", "path": ASCII}),
+        ([DAT, "--vtu", "v"], {"argument": "--vtu", "path": DAT}),
+        ([DAT, "--extrapolate", "linear"], {"argument": "--extrapolate"}),
+        (
+            [DAT, "--quantity", "forces", "stresses"],
+            {"argument": "--quantity", "expected": "one name"},
+        ),
         ([ASCII, "--field", "DISP", "-o", "f.txt"], "expected a name in .npz or .csv"),
-        ([ASCII, "--set", "PROBES", "--one-sided", "EALL"], "--one-sided is for the --node"),
-        ([ASCII, "--node", "11", "--derived", "principal"], "--derived is for --vtu"),
-        ([DAT, "--resample-ms", "1"], "--resample-ms is for a table at nodes or points"),
-        ([ASCII, "--node", "all", "--one-sided", "EALL"], "--one-sided takes numbers of nodes"),
-        (["--node", "1", "2", "3x", ASCII], "argument --node: '3x', expected a whole number"),
-        ([ASCII, "--node", "25", "-o", "t.parquet"], "t.parquet: a table is written as .csv"),
+        ([ASCII, "--node-set", "PROBES", "--one-sided", "EALL"], {"argument": "--one-sided"}),
+        ([ASCII, "--node", "11", "--derived", "principal"], {"argument": "--derived"}),
+        ([DAT, "--resample-ms", "1"], {"argument": "--resample-ms"}),
+        ([ASCII, "--node", "all", "--one-sided", "EALL"], {"argument": "--one-sided"}),
+        (["--node", "1", "2", "3x", ASCII], {"argument": "--node", "found": "3x"}),
+        (
+            [ASCII, "--node", "25", "-o", "t.parquet"],
+            {"argument": "--output", "found": "t.parquet"},
+        ),
     ],
 )
 def test_words_that_mean_nothing_together_are_misuse(refused, words, shown):
@@ -143,7 +151,7 @@ def test_traces_at_integration_points_can_be_encoded():
 
 def test_a_run_folder_is_in_mpa_always(run_folder, capsys):
     assert main(["ingest", str(run_folder), "--stress-unit", "kPa"]) == 2
-    assert "a run folder of fembridge is in MPa, always" in capsys.readouterr().err
+    assert "--stress-unit is kPa, expected MPa" in capsys.readouterr().err
     assert main(["ingest", str(run_folder), "--afferents"]) == 0
     assert "stress in the file taken as MPa\n" in capsys.readouterr().out
 
@@ -200,7 +208,7 @@ def test_another_quantity_has_its_units_in_the_names_of_its_columns(here, capsys
         assert list(rows_of(table)[0])[-1] == last
         assert unit in capsys.readouterr().out
     assert main([*words, "nonsense"]) == 1
-    assert "it holds DISP, STRESS" in capsys.readouterr().err
+    assert "DISP, STRESS" in capsys.readouterr().err
     assert main([*words, "stress", "strain"]) == 2
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from fembridge.errors import TableError, UsageError
-from fembridge.memory import check_memory, check_unpacked, machine_bytes, memory_limit_bytes
+from fembridge.host.memory import check_memory, check_unpacked, machine_bytes, memory_limit_bytes
 
 GIB = 1 << 30
 

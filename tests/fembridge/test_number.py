@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fembridge.number import parse_number, parse_whole_number
+from fembridge.io.number import parse_number, parse_whole_number
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))

@@ -32,6 +32,9 @@ MANY = (
 LINES = {
     "stimuli": "sine_20_250",
     "build-deck": "--stimulus sine_20_250 -o runs",
+    "check": "mine.inp",
+    "fingertip": "--finger coarse_tip.toml -o tip.inp",
+    "map": "--base-deck mine.inp --afferent SA=1 -o map",
     "run": "run_folder",
     "ingest": "run_folder",
     "export-script": "",
@@ -43,10 +46,11 @@ LINES = {
     "sweep": "study.toml -o sweep",
     "fit": "--observed rates.csv --afferent SA --evaluations 8 --population 4 -o fit",
     "study": "--observed rates.csv --drive published --seeds 1 --evaluations 100 -o study",
-    "threshold": "--afferent SA --hz 50 -o threshold",
+    "threshold": "--afferent SA --frequencies-hz 50 -o threshold",
     "validate": "-o report",
     "verify": "--quick --only patch -o verification",
     "deflect": "--finger quick -o deflection",
+    "report": "run_folder -o report.html",
     "plot mesh": "-o mesh.png",
     "plot response": "-o response.png",
     "plot trace": "traces.csv -o trace.png",
@@ -67,8 +71,9 @@ COSTLY = {"validate", "verify", "study", "pad", "doctor"}
 FILES = {
     "traces.csv": "time_ms,afferent,node,von_mises_pa\n"
     + "".join(f"{0.5 * row},SA,1,{1e4 + 900 * (row % 9)}\n" for row in range(40)),
-    "spikes.csv": "stimulus,afferent,repeat,spike_time_ms\nsine_20_250,SA,0,7.5\n",
+    "spikes.csv": "stimulus,afferent,trial,spike_time_ms\nsine_20_250,SA,0,7.5\n",
     "rates.csv": "stimulus,afferent,rate_ips\nsine_20_250,SA,25\nsine_50_250,SA,30\n",
+    "coarse_tip.toml": 'base = "fingertip"\n[resolution]\npad_mm = 3\nfar_mm = 4\norder = 1\n',
     "study.toml": 'stimuli = ["sine_20_250"]\nstored = true\n',
 }
 
@@ -147,7 +152,7 @@ def test_every_verb_has_a_line():
 def test_numbers_are_read_in_one_way(name):
     """By a `Number`, with its range: not by `float` or `int`, which take nan and 1_000."""
     for action in parser_of(name)._actions:
-        readers = {action.type, getattr(action, "item", None)}
+        readers = {action.type, getattr(action, "item_type", None)}
         assert not readers & {float, int, complex}, (name, action.option_strings)
         defaults = action.default if isinstance(action.default, list) else [action.default]
         if action.nargs != 0 and any(isinstance(default, float | int) for default in defaults):
@@ -162,6 +167,7 @@ def test_no_value_of_an_option_is_more_than_a_line(name, values, attempt, monkey
     """The work itself is left out."""
     command = import_module(f"fembridge.commands.{name.split()[0].replace('-', '_')}")
     monkeypatch.setattr(command, "run", lambda args: {})
+    attempt([*name.split(), *LINES[name].split()], codes=(0,))
     built = cli._parser([name.split()[0]])
     monkeypatch.setattr(cli, "_parser", lambda words: built)
     for words in lines_with(name, values):
@@ -191,7 +197,7 @@ def test_a_use_names_options_that_there_are():
         ("stimuli --seed 1", "--seed is for --export"),
         ("stimuli sine_20_250 --dt-ms 1", "--dt-ms is for a waveform in .npy"),
         ("stimuli --full-scale-um 1", "--full-scale-um is for a waveform in .wav"),
-        ("stimuli --export csv sine_20_250 --seed 1", "--seed (seed=) is for noise"),
+        ("stimuli --export csv sine_20_250 --seed 1", "--seed is for noise"),
         ("build-deck --stimulus sine_20_250 --base-deck a.inp --finger quick", "our finger"),
         ("build-deck --stimulus sine_20_250 --increments fixed", "--increments is for --base-deck"),
         ("build-deck --stimulus sine_20_250 --results text --ascii", "decks without --results"),
@@ -224,8 +230,8 @@ def test_a_use_names_options_that_there_are():
         ("plot mesh --probe-fillet-mm 0.1", "--probe-shape flat"),
         ("plot trace traces.csv --preindent-um 5", "--preindent-um is for a waveform"),
         ("plot raster spikes.csv --preindent-um 5", "--preindent-um is for a waveform"),
-        ("ingest run_folder --node all --set NOPE", "chosen nodes, not for --node all"),
-        ("ingest run_folder --node 5 --deck /missing", "--deck is for --set"),
+        ("ingest run_folder --node all --node-set NOPE", "chosen nodes, not for --node all"),
+        ("ingest run_folder --node 5 --deck /missing", "--deck is for --node-set"),
         ("ingest run_folder --print-set NOPE", "--print-set is for --point"),
         ("ingest run_folder --increment last", "--increment is for --field"),
         ("ingest run_folder --derived principal", "--derived is for --vtu"),
@@ -237,7 +243,7 @@ def test_a_use_names_options_that_there_are():
         (f"ingest {TRACES} --stress-unit kPa", "for columns whose names state no unit, not Pa"),
         (f"ingest {TRACES} --across-materials", "--across-materials is for stress or strain"),
         (f"ingest {TRACES} --afferents", "--afferents is for a file with a run.toml"),
-        (f"ingest {TRACES} --quantity stress", "it holds von Mises stress, no tensor to take"),
+        (f"ingest {TRACES} --quantity stress", "--quantity is stress"),
         ("ingest job.sta --quantity stress", "--quantity is for a table at"),
         ("ingest run_folder --field STRESS --modes", "--modes is for a table at nodes, or --vtu"),
         ("ingest run_folder --vtu v --across-materials", "--across-materials is for stress"),

@@ -113,6 +113,10 @@ def test_encoded_traces_have_the_columns_of_the_page(here):
     for name in ("spikes.csv", "rates.csv"):
         header = (here / "out" / name).read_text("utf-8").splitlines()[0].split(",")
         assert header == columns_of("encode", name)
+    with np.load(here / "out/stress.npz") as arrays:
+        assert list(arrays) == columns_of("encode", "stress.npz")
+    named = set(outputs_of("encode")) - {"raster.png", "spikes.npz"}
+    assert {path.name for path in (here / "out").iterdir()} == named
 
 
 def test_the_arrays_of_a_simulation_are_those_of_the_page(here):
@@ -143,21 +147,31 @@ def test_the_table_of_a_study_has_the_columns_of_the_page(here):
     assert header == columns_of("study", "study.csv")
 
 
-@pytest.mark.parametrize("verb", sorted(set(cli.VERBS)))
-def test_the_help_of_a_verb_has_its_outputs(verb, capsys):
-    assert cli.main([verb, "--help"]) == 0
+@pytest.mark.parametrize("verb", sorted(cli.VERBS))
+def test_the_help_of_outputs_has_every_file_and_column(verb, capsys):
+    assert cli.main([verb, "--help-outputs"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
-    for file, (what, columns) in outputs_of(verb).items():
-        assert f"{file}: {what}" in shown
+    assert shown
+    for file, (description, columns) in outputs_of(verb).items():
+        assert f"{file}: {description}" in shown
         for name, unit, meaning in columns:
-            words = f"{name}{f' ({unit})' if unit else ''}: {meaning}".replace("`", "")
-            assert " ".join(words.split()) in shown
+            text = f"{name}{f' ({unit})' if unit else ''}: {meaning}".replace("`", "")
+            assert " ".join(text.split()) in shown
+
+
+@pytest.mark.parametrize("verb", sorted(cli.VERBS))
+def test_a_help_page_is_short_and_begins_with_the_options(verb, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
+    assert cli.main([verb, "--help"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 90
+    assert lines.index("options:") < 12
 
 
 def test_every_verb_that_writes_files_is_on_the_page_with_every_row_read():
     page = (ROOT / "fembridge/commands/outputs.md").read_text(encoding="utf-8")
     verbs = re.findall("^## (.*)", page, re.MULTILINE)
-    assert sorted(verbs) == sorted(set(cli.VERBS) - {"cache", "doctor"})
+    assert sorted(verbs) == sorted(set(cli.VERBS) - {"cache", "check", "doctor"})
     outputs = [output for verb in verbs for output in outputs_of(verb).values()]
     assert len(outputs) == len(re.findall(r"^\*\*", page, re.MULTILINE))
     assert sum(len(columns) for _, columns in outputs) == len(
@@ -165,7 +179,7 @@ def test_every_verb_that_writes_files_is_on_the_page_with_every_row_read():
     )
 
 
-OTHERS = {"--help", "--version", "--json"}
+OTHERS = {"--help", "--help-outputs", "--version", "--json"}
 """Of every verb; added by the command line itself."""
 
 
@@ -190,7 +204,7 @@ def options():
 @pytest.mark.parametrize("package", ["fembridge", "decks", "neural"])
 def test_every_option_in_a_text_of_ours_exists(options, package):
     unknown = {}
-    own_script = ROOT / "fembridge" / "solver_export.py"  # with options of its own
+    own_script = ROOT / "fembridge" / "results" / "export_script.py"  # with options of its own
     named = re.compile(r"(?<![\w-])--[a-z][a-z-]+[a-z]\b")
     for path in {*(ROOT / package).rglob("*.py")} - {own_script}:
         text = path.read_text(encoding="utf-8")

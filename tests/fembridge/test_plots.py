@@ -1,6 +1,7 @@
 """The picture of a mesh; and no words of any picture run out of it, or into other words."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -13,21 +14,23 @@ from decks.finger import AfferentSite, Material
 from decks.presets import PAPER, QUICK, mesh_of
 from decks.probe import Probe
 from decks.stimuli import CATALOGUE, resolve
-from decks.waveform import make_stimulus
-from fembridge.plots.mesh import (
+from decks.synthesis import make_stimulus
+from fembridge.errors import UsageError
+from fembridge.io.spike_table import Rate, SpikeTrain
+from fembridge.plots.finger_mesh import (
     afferent_nodes,
     boundary_edges,
     mesh_figure,
     pad_window,
     probe_outline,
 )
-from fembridge.plots.rates import rates_figure
-from fembridge.plots.sensitivity import effects_figure, regressions_figure
-from fembridge.plots.spikes import isi_figure, psth_figure, raster_figure
+from fembridge.plots.rate_comparison import rates_figure
+from fembridge.plots.sensitivity_charts import effects_figure, regressions_figure
+from fembridge.plots.spike_figures import isi_figure, psth_figure, raster_figure
+from fembridge.plots.stress_history import trace_figure
 from fembridge.plots.style import spread_heights
-from fembridge.plots.trace import trace_figure
-from fembridge.plots.waveform import waveform_figure
-from fembridge.sensitivity import (
+from fembridge.plots.waveform_overview import waveform_figure
+from fembridge.sensitivity.effects import (
     OUTPUT,
     QUANTITIES,
     SweptFingers,
@@ -35,8 +38,7 @@ from fembridge.sensitivity import (
     single_effects,
 )
 from fembridge.stimulus import Stimulus
-from fembridge.tables import AFFERENTS, Rate, SpikeTrain
-from fembridge.trace import StressTrace
+from fembridge.trace import AFFERENTS, StressTrace
 
 CROWDED = replace(
     QUICK,
@@ -165,25 +167,25 @@ def wave(name):
 def trains(names):
     rng = np.random.default_rng(1)
     return [
-        SpikeTrain(name, afferent, 0.5 * np.sort(rng.choice(500, 1 + k % 60, False)), repeat)
+        SpikeTrain(name, afferent, 0.5 * np.sort(rng.choice(500, 1 + k % 60, False)), cell)
         for k, name in enumerate(names)
         for afferent in AFFERENTS
-        for repeat in (1, 2, 3)
+        for cell in (1, 2, 3)
     ]
 
 
 def spikes(draw, **options):
-    def picture(names):
-        alone = {"waveform": wave(names[0])} if len(names) == 1 else {}
-        return draw(trains(names), **options, **(alone if draw is not isi_figure else {}))
+    def picture(names, axes=None):
+        alone = {"waveform": wave(names[0])} if len(names) == 1 and draw is not isi_figure else {}
+        return draw(trains(names), **options, **alone, axes=axes)
 
     return picture
 
 
-def rates(names):
-    own = [Rate(n, a, 123.4 * k) for k, n in enumerate(names) for a in AFFERENTS]
-    own += [Rate("sine_999.999999_9999.999999", "PC", 1999.0)]
-    return rates_figure(own, observed=own[:3], touchsim=own[:3])
+def rates(names, axes=None):
+    model = [Rate(n, a, 123.4 * k) for k, n in enumerate(names) for a in AFFERENTS]
+    model += [Rate("sine_999.999999_9999.999999", "PC", 1999.0)]
+    return rates_figure(model, observed=model[:3], touchsim=model[:3], axes=axes)
 
 
 def swept(names):
@@ -195,14 +197,14 @@ def swept(names):
     return SweptFingers(parameters, pd.DataFrame(answers, columns=columns))
 
 
-def ranked(names):
+def ranked(names, axes=None):
     rng = np.random.default_rng(2)
     count = 2 * len(names) + 4
     few = swept(names)
     parameters = pd.DataFrame(rng.random((count, len(names))), columns=few.parameters.columns)
     answers = pd.DataFrame(rng.random((count, 6)), columns=few.answers.columns)
     return regressions_figure(
-        rank_regressions(SweptFingers(parameters, answers), resamples=3), count
+        rank_regressions(SweptFingers(parameters, answers), resamples=3), count, axes
     )
 
 
@@ -211,12 +213,14 @@ PICTURES = {
     "psth": spikes(psth_figure, window_ms=(100.0, 200.0)),
     "isi": spikes(isi_figure),
     "rates": rates,
-    "stimulus": lambda names: waveform_figure([wave(name) for name in names]),
-    "trace": lambda names: trace_figure(
-        [StressTrace(1e6 + 1e5 * np.sin(WAVE_MS), 0.5, 12345678)] * 3, waveform=wave(names[0])
+    "stimulus": lambda names, axes=None: waveform_figure([wave(name) for name in names], axes),
+    "trace": lambda names, axes=None: trace_figure(
+        [StressTrace(1e6 + 1e5 * np.sin(WAVE_MS), 0.5, 12345678)] * 3,
+        waveform=wave(names[0]),
+        axes=axes,
     ),
-    "effects": lambda names: effects_figure(single_effects(swept(names[:20]))),
-    "ranks": lambda names: ranked(names[:20]),
+    "effects": lambda names, axes=None: effects_figure(single_effects(swept(names[:20])), axes),
+    "ranks": lambda names, axes=None: ranked(names[:20], axes),
 }
 
 
@@ -233,6 +237,49 @@ CASES += [
 @pytest.mark.parametrize(("picture", "names"), CASES)
 def test_words_stay_on_the_page_and_apart(picture, names, check_words):
     check_words(PICTURES[picture](SETS[names]))
+
+
+def content_of(panel):
+    """Drawn data of a panel."""
+    lines = [line.get_xydata().tolist() for line in panel.lines]
+    parts = [path.vertices.tolist() for part in panel.collections for path in part.get_paths()]
+    return lines, parts
+
+
+@pytest.mark.parametrize("names", ["one", "five"])
+@pytest.mark.parametrize("picture", PICTURES)
+def test_a_picture_is_drawn_into_the_axes_of_the_caller(picture, names):
+    from matplotlib.figure import Figure
+
+    draw = partial(PICTURES[picture], SETS[names])
+    expected = draw().axes
+    if picture == "trace" or (names == "one" and picture in ("raster", "psth")):
+        expected = expected[1:] if picture == "trace" else expected[len(expected) // 2 :]
+    figure = Figure()
+    axes = figure.subplots(1, len(expected), squeeze=False)
+    assert draw(axes=axes) is figure
+    assert figure.axes == [*axes.flat]
+    assert not figure.legends
+    for panel, alone in zip(axes.flat, expected, strict=True):
+        assert content_of(panel) == content_of(alone)
+        assert_allclose(panel.get_xlim(), alone.get_xlim(), rtol=1e-12, atol=1e-12)
+        assert_allclose(panel.get_ylim(), alone.get_ylim(), rtol=1e-12, atol=1e-12)
+    with pytest.raises(UsageError) as refused:
+        draw(axes=[*axes.flat, axes[0, 0]])
+    assert (refused.value.argument, refused.value.found) == ("ax", len(expected) + 1)
+    with pytest.raises(UsageError):
+        draw(axes=[None] * len(expected))
+
+
+def test_panels_of_a_grid_share_their_scales_also_in_the_axes_of_the_caller():
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots(1, 3)
+    for _ in range(2):
+        raster_figure(trains(ALL[:3]), axes=axes)
+        assert axes[0].get_shared_y_axes().joined(axes[0], axes[2])
+        shown = [panel.yaxis.get_tick_params()["labelleft"] for panel in axes]
+        assert shown == [True, False, False]
 
 
 def test_a_probe_that_was_deep_before_time_0_is_drawn_so():

@@ -2,14 +2,15 @@
 
 import io
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from fembridge.fitting.fit import SearchBar
-from fembridge.solver.settings import Progress
-from fembridge.terminal import Bars, SolverBars, how_far
-from neural.search import Progress as SearchProgress
+from fembridge.host.progress import Progress
+from fembridge.host.terminal import Bars, SolverBars, how_far
+from neural.search import SearchProgress
 
 
 def progress(elapsed_s=10.0, increment=5, folder="runs/sine_20_250", ended=False):
@@ -22,7 +23,7 @@ def progress(elapsed_s=10.0, increment=5, folder="runs/sine_20_250", ended=False
         iterations=17,
         iterations_here=2,
         elapsed_s=elapsed_s,
-        ended=ended,
+        has_ended=ended,
     )
 
 
@@ -49,6 +50,12 @@ def terminal(monkeypatch):
 )
 def test_the_time_left_is_at_the_pace_so_far(increment, elapsed_s, left):
     assert how_far(progress(elapsed_s, increment)).endswith(f"17 iterations{left}")
+
+
+def test_the_share_and_the_words_of_a_bar_are_of_one_quantity():
+    late = replace(progress(increment=23), time_ms=170.0)  # automatic increments, after a step
+    assert how_far(late).startswith("170 of 250 ms, 23 increments")
+    assert late.fraction == 0.68
 
 
 def test_a_terminal_shows_a_bar_a_run(terminal):
@@ -101,7 +108,7 @@ def test_the_first_seconds_show_nothing_and_after_the_end_nothing_comes(terminal
 
 def test_where_there_is_no_terminal_a_run_gets_a_line_now_and_then(capsys, monkeypatch):
     clock_s = [0.0]
-    monkeypatch.setattr("fembridge.terminal.perf_counter", lambda: clock_s[0])
+    monkeypatch.setattr("fembridge.host.terminal.perf_counter", lambda: clock_s[0])
     with SolverBars() as bars, SolverBars(shows=False) as silent:
         for clock_s[0] in range(100):
             bars(progress(elapsed_s=clock_s[0], increment=5 * clock_s[0]))
@@ -112,4 +119,4 @@ def test_where_there_is_no_terminal_a_run_gets_a_line_now_and_then(capsys, monke
         *("runs/sine_20_250: 30%", "runs/sine_20_250: 60%", "runs/sine_20_250: 90%"),
         "runs/next: 1%",
     ]
-    assert lines[0].endswith("150/500 increments, 17 iterations, 0:01:10 left")
+    assert lines[0].endswith("150 increments, 17 iterations, 0:01:10 left")

@@ -9,23 +9,22 @@ from numpy.testing import assert_allclose, assert_array_equal
 import fembridge as fb
 from fembridge.cli import main
 from fembridge.errors import MissingError, UsageError
-from fembridge.tables import SpikeTrain
+from fembridge.io.spike_table import SpikeTrain
 
 # Warnings of the libraries about themselves are not ours to mend.
 pytestmark = pytest.mark.filterwarnings("ignore")
 UNITS = "fingertip:density=0.05"
+PRESS = fb.Trajectory.press(press_n=0.2, hold_ms=80)
 
 
 @pytest.fixture(scope="module")
 def touch():
-    return fb.touch(
-        "sphere", press_n=0.2, hold_ms=80, population=UNITS, repeats=3, noise_mv=0.5, seed=1
-    )
+    return fb.touch("sphere", PRESS, population=UNITS, trials=3, noise_mv=0.5, seed=1)
 
 
 @pytest.fixture(scope="module")
 def recording(touch):
-    return fb.Recording.of(touch)
+    return touch.to_recording()
 
 
 @pytest.fixture(scope="module")
@@ -35,29 +34,29 @@ def folder(recording, tmp_path_factory):
 
 def rows(touch):
     """Spikes of each unit and trial as the table has them."""
-    table = touch.spikes.groupby(["repeat", "unit"])["spike_time_ms"].apply(np.array)
+    table = touch.spikes.groupby(["trial", "unit"])["spike_time_ms"].apply(np.array)
     return dict(table.items())
 
 
 def test_every_spike_of_the_table_is_in_the_recording(touch, recording):
-    assert recording.unit == touch.population.unit and recording.repeat == (1, 2, 3)
+    assert recording.unit == touch.population.unit and recording.trial == (1, 2, 3)
     expected = rows(touch)
     for k in range(3):
         for u, unit in enumerate(recording.unit):
             assert_array_equal(recording.spikes_ms(u, k), expected.get((k + 1, unit), []))
-    assert recording.t_stop_ms == touch.way.times_ms[-1]
+    assert recording.t_stop_ms == touch.trajectory.times_ms[-1]
     assert 0 < recording.time_ms.min() <= recording.time_ms.max() <= recording.t_stop_ms
 
 
 def test_a_simulation_has_a_unit_a_cell_and_a_trial_a_stimulus():
     result = fb.simulate(["sine_20_250", "sine_50_250"], stored=True)
-    recording = fb.Recording.of(result)
+    recording = result.to_recording()
     assert recording.stimulus == ("sine_20_250", "sine_50_250")
     for train in result.trains:
-        u = recording.unit.index(f"{train.afferent}{train.repeat or ''}")
+        u = recording.unit.index(f"{train.afferent}{train.cell or ''}")
         k = recording.stimulus.index(train.stimulus)
         assert_array_equal(recording.spikes_ms(u, k), train.times_ms)
-        assert recording.columns["cell"][u] == train.repeat
+        assert recording.columns["cell"][u] == train.cell
     assert recording.depth_um.shape == (2, recording.t_stop_ms / recording.dt_ms + 1)
 
 
@@ -103,8 +102,8 @@ def test_neo_has_a_segment_a_trial_and_a_train_a_unit(touch, recording, folder):
 def test_nwb_round_trips_and_its_inspector_finds_nothing(trials, touch, recording, folder):
     pynwb, inspector = pytest.importorskip("pynwb"), pytest.importorskip("nwbinspector")
     if trials == 1:
-        touch = fb.touch("sphere", press_n=0.2, hold_ms=80, population=UNITS)
-        recording = fb.Recording.of(touch)
+        touch = fb.touch("sphere", PRESS, population=UNITS)
+        recording = touch.to_recording()
     path = recording.write(folder / f"{trials}.nwb")
     assert list(inspector.inspect_nwbfile(nwbfile_path=str(path))) == []
     with pynwb.NWBHDF5IO(path, "r") as file:
@@ -120,7 +119,7 @@ def test_nwb_round_trips_and_its_inspector_finds_nothing(trials, touch, recordin
             assert_allclose(units["spike_times"].iloc[u], np.concatenate(expected))
         if trials > 1:
             table = stored.trials.to_dataframe()
-            assert list(table["repeat"]) == [1, 2, 3]
+            assert list(table["trial"]) == [1, 2, 3]
             assert_allclose(table["stop_time"] - table["start_time"], recording.t_stop_ms / 1000)
         depth = stored.stimulus["depth"]
         assert_allclose(depth.data[: touch.depth_um.size], touch.depth_um * 1e-6)
@@ -207,7 +206,7 @@ def test_what_is_no_recording_is_refused(recording, tmp_path):
         recording.write(tmp_path / "a.nbw")
     early = [SpikeTrain("a", "SA", np.array([-1.0, 2.0]))]
     with pytest.raises(UsageError, match=r"-1 .*2 "):
-        fb.Recording.of_trains(early, 0.5, 10.0)
+        fb.Recording.from_trains(early, 0.5, 10.0)
 
 
 def test_each_verb_that_makes_spikes_exports_them(tmp_path, capsys):
@@ -235,7 +234,7 @@ def test_each_verb_that_makes_spikes_exports_them(tmp_path, capsys):
 
 def test_trials_of_unequal_lengths_end_in_nan():
     made = fb.simulate(["sine_20_250", "ramp_300_20_50_20"], stored=True)
-    recording = fb.Recording.of(made)
+    recording = made.to_recording()
     ends = [one.displacement_um.size for one in made.stimuli]
     assert [np.isfinite(row).sum() for row in recording.depth_um] == ends
     assert recording.t_stop_ms == max(one.times_ms[-1] for one in made.stimuli)
@@ -245,7 +244,7 @@ def test_trials_of_unequal_lengths_end_in_nan():
 def test_a_trial_ends_where_its_own_waveform_does(tmp_path):
     depth_um = np.array([[0.0, 1.0, 2.0, 1.0, 0.0], [0.0, 1.0, 0.0, np.nan, np.nan]])
     trains = [SpikeTrain("long", "SA", np.array([1.5])), SpikeTrain("short", "SA", np.array([0.5]))]
-    recording = fb.Recording.of_trains(trains, 0.5, 2.0, depth_um=depth_um)
+    recording = fb.Recording.from_trains(trains, 0.5, 2.0, depth_um=depth_um)
     assert_allclose(recording.end_ms, [2.0, 1.0])
     for library in ("neo", "pynwb"):
         pytest.importorskip(library)

@@ -59,4 +59,4 @@ def test_a_command_of_the_page_works(command, jobs, capsys):
 
 @pytest.mark.parametrize("lines", PYTHON)
 def test_the_python_of_the_page_works(lines):
-    exec(compile(lines, "results.md", "exec"), {"fembridge": __import__("fembridge")})
+    exec(compile(lines, "results.md", "exec"), {"fb": __import__("fembridge")})

@@ -9,7 +9,7 @@ import pytest
 import tomli_w
 
 from fembridge.errors import ResultError
-from fembridge.run_folder import AfferentNode, RunFolder, read_run_folder, read_waveform
+from fembridge.io.run_folder import AfferentNode, RunFolder, read_run_folder, read_waveform
 
 PLACES = (
     AfferentNode("SA", 25, "epidermis", 0.0, -0.61, 0.61),
@@ -48,8 +48,10 @@ def test_a_depth_that_is_no_number_gives_no_origin(tmp_path, depth):
         {"stimulus": stimulus, "base_deck": {"stands_um": depth}},
         {"stimulus": {**stimulus, "preindent_um": depth}, "base_deck": {"stands_um": 3.0}},
     ):
-        with pytest.raises(ResultError, match="expected a number"):
+        with pytest.raises(ResultError) as caught:
             replace(whole_run(tmp_path), inputs=inputs).origin()
+        assert caught.value.found == depth
+        assert caught.value.expected == "a number"
 
 
 def test_a_folder_without_one_is_no_run_folder(tmp_path):
@@ -113,7 +115,7 @@ def test_a_key_that_is_absent_or_holds_what_no_run_has_is_named(tmp_path, key, v
     with pytest.raises(ResultError) as caught:
         read_run_folder(tmp_path)
     assert caught.value.path == tmp_path / "run.toml"
-    assert key in caught.value.problem
+    assert caught.value.key == key
 
 
 @pytest.mark.filterwarnings("ignore:.*1 of the 2 cells:fembridge.errors.FembridgeWarning")

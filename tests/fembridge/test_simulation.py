@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from decks.analysis import Contact
+import fembridge as fb
+from decks.contact_analysis import Contact
 from decks.dialects import JOB
 from decks.finger import PronyTerm
 from decks.presets import PRESETS, model_of
 from decks.stimuli import resolve
-from decks.waveform import make_stimulus
-from fembridge import simulation as module
+from decks.synthesis import make_stimulus
 from fembridge.errors import (
+    FembridgeWarning,
     ParameterError,
     ResponseError,
     ResultError,
@@ -23,13 +24,18 @@ from fembridge.errors import (
     TraceError,
     UsageError,
 )
+from fembridge.io.run_folder import read_run_folder
+from fembridge.io.spike_table import read_spikes
 from fembridge.response.indentation import LADDER, FrictionSlipError
 from fembridge.response.response_map import FOLDER, read_map
-from fembridge.run_folder import read_run_folder
-from fembridge.simulation import check_cost, encode_all, simulate, stimuli_in
-from fembridge.solver.settings import SolverSettings
+from fembridge.simulation import transients as module
+from fembridge.simulation.folder import stimuli_in
+from fembridge.simulation.simulate import simulate
+from fembridge.simulation.simulation import Simulation, encode_all
+from fembridge.simulation.transients import check_cost
+from fembridge.solver.analysis import Analysis
+from fembridge.solver.settings import DEFAULTS, Solver
 from fembridge.solver.verdict import Cause, Failure, Outcome
-from fembridge.tables import read_spikes
 from fembridge.trace import StressTrace
 from neural import PUBLISHED, encode, parameter_set
 
@@ -101,7 +107,7 @@ def other_clock(**changes):
     [
         (traces_of(afferents=("SA", "XY")), TraceError, "of XY, expected 501 of SA, RA, PC"),
         (other_clock(stress_pa=np.zeros(500)), TraceError, "500 samples of PC, expected 501"),
-        (other_clock(dt_ms=1.0), ParameterError, "PC: the trace has a sample every 1 ms"),
+        (other_clock(dt_ms=1.0), ParameterError, "dt_ms is 1 ms.*PC"),
     ],
 )
 def test_traces_that_do_not_fit_stimuli_or_parameters_are_refused(traces, kind, found):
@@ -140,14 +146,55 @@ def test_a_simulation_comes_back_with_the_probe_as_it_was(out, indented):
     assert written.cells == {"SA": 10, "RA": 10, "PC": 10}
 
 
+def test_a_simulation_that_is_read_equals_the_one_that_was_written(tmp_path, indented):
+    """With nodes, silent cells, provenance; written again, it gives the same bytes."""
+    stored = simulate(["sine_20_250", "ramp_300_20_50_20"], stored=True)
+    for name, made in {"indented": indented, "stored": stored}.items():
+        made.write(tmp_path / name)
+        back = Simulation.read(tmp_path / name)
+        assert back.rates.equals(made.rates)
+        assert back.spikes.equals(made.spikes)
+        assert [len(train.times_ms) for train in back.trains] == [
+            len(train.times_ms) for train in made.trains
+        ]
+        assert [t.node for t in back.traces[0]] == [t.node for t in made.traces[0]]
+        for row, expected in zip(back.traces, made.traces, strict=True):
+            for trace, other in zip(row, expected, strict=True):
+                assert_array_equal(trace.stress_pa, other.stress_pa)
+        assert back.provenance.keys() == made.provenance.keys()
+        back.write(tmp_path / "again")
+        for path in (tmp_path / name).iterdir():
+            if path.suffix != ".npz":  # a ZIP has the time
+                assert (tmp_path / "again" / path.name).read_bytes() == path.read_bytes()
+
+
+def test_a_folder_without_a_simulation_is_refused(tmp_path):
+    with pytest.raises(ResultError) as refused:
+        Simulation.read(tmp_path)
+    assert refused.value.path == tmp_path
+
+
 def test_cells_that_are_in_no_row_of_the_table_come_back_silent(out, indented):
     def keys(trains):
-        return sorted((t.stimulus, t.afferent, t.repeat, t.times_ms.size) for t in trains)
+        return sorted((t.stimulus, t.afferent, t.cell, t.times_ms.size) for t in trains)
 
     tabled = read_spikes(out / "spikes.csv")
 
     assert len(tabled) < len(indented.trains)
     assert keys(stimuli_in(out).with_silent(tabled)) == keys(indented.trains)
+
+
+def run_simulation(stimuli, model, folder, *, settings=DEFAULTS, **options):
+    """`fembridge.simulate` of a model, with the solver's runs in `folder`."""
+    return simulate(
+        stimuli,
+        parameters="published",
+        finger=model.finger,
+        probe=model.probe,
+        analysis=Analysis(model.element, model.inertia, law=model.law),
+        solver=replace(settings, runs_folder=folder),
+        **options,
+    )
 
 
 def stimuli_of(word, **options):
@@ -163,9 +210,9 @@ def model():
 
 
 @pytest.fixture
-def lines():
-    """What is logged: pass its `append`."""
-    return []
+def lines(logged):
+    """What is logged."""
+    return logged
 
 
 @pytest.fixture
@@ -178,7 +225,8 @@ def solving(monkeypatch):
             calls.append((folder, model, needed_um))
             return of(model, ladder[0]), read_map(FOLDER / "quick.toml")
 
-        monkeypatch.setattr(module, "find_ccx", lambda: Path("/usr/bin/ccx"))
+        monkeypatch.setattr("fembridge.host.machine.find_ccx", lambda: Path("/usr/bin/ccx"))
+        monkeypatch.setattr("fembridge.response.indentation.solve_response", solved)
         monkeypatch.setattr(module, "solve_response", solved)
         return calls
 
@@ -202,7 +250,7 @@ def slipping(solving):
     """Its indentation shows that skin slips under friction."""
 
     def slip(model, first):
-        raise FrictionSlipError("skin slips under the probe", 1.5, first)
+        raise FrictionSlipError("skin slips under the probe", closure_percent=1.5, contact=first)
 
     return solving(slip)
 
@@ -247,22 +295,24 @@ def soft(model):
 
 
 def test_a_stored_response_can_be_asked_for_where_a_solver_is(tmp_path, model, ccx, lines):
-    found = simulate(ONE, model, tmp_path, stored=True, log=lines.append)
-    assert lines == ["stored response of finger 'quick'"]
+    found = run_simulation(ONE, model, tmp_path, stored=True)
+    assert ["'quick'" in line for line in lines] == [True]
     assert found.origin["source"] == "stored response"
     assert ccx == []
 
 
 def test_with_a_solver_the_response_is_solved_below_the_folder(tmp_path, model, ccx):
     stimuli = stimuli_of("sine_20_12.5,sine_20_250", preindent_um=100.0)
-    found = simulate(stimuli, model, tmp_path)
-    assert ccx == [(tmp_path / "response", model, 350.0)]
+    with pytest.warns(FembridgeWarning, match="100 um"):  # Table 2 has no pre-indentation
+        found = run_simulation(stimuli, model, tmp_path)
+    [(folder, solved, needed_um)] = ccx
+    assert (folder, solved.finger, needed_um) == (tmp_path / "response", model.finger, 350.0)
     assert found.origin["source"] == "CalculiX"
 
 
 def test_asked_for_what_is_not_stored_no_install_line_is_named(tmp_path, model, ccx):
     with pytest.raises(ResponseError, match="for this element") as caught:
-        simulate(ONE, replace(model, element="CPE8R"), tmp_path, stored=True)
+        run_simulation(ONE, replace(model, element="CPE8R"), tmp_path, stored=True)
     assert "install" not in str(caught.value)
 
 
@@ -270,7 +320,7 @@ def test_asked_for_what_is_not_stored_no_install_line_is_named(tmp_path, model, 
     ("stimuli", "change", "options", "found"),
     [
         (ONE, None, {"method": "magic"}, "'magic'"),
-        (ONE, None, {"method": "transient", "stored": True}, "stored response"),
+        (ONE, None, {"method": "transient", "stored": True}, "stored"),
         (ONE, soft, {"stored": True}, "dermis relaxes"),
         (ONE, soft, {"method": "map"}, "dermis relaxes"),
     ],
@@ -279,16 +329,16 @@ def test_options_that_mean_nothing_are_misuse(
     tmp_path, model, ccx, stimuli, change, options, found
 ):
     with pytest.raises(UsageError, match=found):
-        simulate(stimuli, change(model) if change else model, tmp_path, **options)
+        run_simulation(stimuli, change(model) if change else model, tmp_path, **options)
     assert ccx == []
 
 
 def test_a_transient_uses_the_contact_that_the_indentation_accepted(
     tmp_path, model, ccx, transients, lines
 ):
-    settings = SolverSettings(threads=2, jobs=2)
+    settings = Solver(threads=2, jobs=2)
 
-    found = simulate(TWO, model, tmp_path, method="transient", settings=settings, log=lines.append)
+    found = run_simulation(TWO, model, tmp_path, method="transient", settings=settings)
 
     [(places, used)] = transients
     assert places == [tmp_path / "runs" / stimulus.id for stimulus in TWO]
@@ -296,7 +346,8 @@ def test_a_transient_uses_the_contact_that_the_indentation_accepted(
         assert contact_of(place)["friction"] == 0.0
         assert (place / f"{JOB}.inp").is_file()
     assert (used.jobs, used.threads) == (2, 2)
-    assert lines[-1].startswith("2 transients solved in 40 s, contact node-to-surface")
+    for value in ("2 transients", "40 s", "node-to-surface"):
+        assert value in lines[-1]
     assert found.origin["method"] == "transient"
     assert found.traces[0][0].stress_pa[-1] == 1e4
 
@@ -313,14 +364,14 @@ def test_ctrl_c_keeps_the_transients_that_are_solved_and_says_how_many(
     monkeypatch.setattr(module, "run_folders", stop)
     monkeypatch.setattr(module, "finished_outcome", lambda run: finished.pop())
     with pytest.raises(KeyboardInterrupt):
-        simulate(TWO, model, tmp_path, method="transient", log=lines.append)
-    assert lines[-1].startswith("1 of 2 transients are kept")
+        run_simulation(TWO, model, tmp_path, method="transient")
+    assert "1 of 2 transients" in lines[-1]
 
 
 def test_a_full_disk_ends_the_simulation_at_once(tmp_path, model, ccx, transients):
     transients.failures = [Cause.DISK_FULL] * 9
     with pytest.raises(SolverError, match="sine_20_250"):
-        simulate(TWO, model, tmp_path, method="transient")
+        run_simulation(TWO, model, tmp_path, method="transient")
     assert len(transients) == 1
 
 
@@ -328,14 +379,14 @@ def test_a_transient_that_diverges_gets_the_next_contact_and_the_others_stay(
     tmp_path, model, accepting, transients, lines
 ):
     transients.failures = [Cause.DIVERGED]
-    found = simulate(TWO, model, tmp_path, method="transient", log=lines.append)
+    found = run_simulation(TWO, model, tmp_path, method="transient")
     both = [tmp_path / "runs" / stimulus.id for stimulus in TWO]
     assert [places for places, _ in transients] == [both, both[1:]]
     used = [contact_of(place) for place in both]
     assert [contact["stiffness_mpa_per_mm"] for contact in used] == [200.0, 200.0]
     assert [contact["stick_share"] for contact in used] == [0.1, 0.01]
     assert list(found.origin["contacts"].values()) == used
-    assert any("left node-to-surface, 200 MPa/mm" in line for line in lines)
+    assert any("node-to-surface, 200 MPa/mm" in line and TWO[1].id in line for line in lines)
 
 
 @pytest.mark.parametrize(
@@ -348,7 +399,7 @@ def test_a_transient_that_diverges_gets_the_next_contact_and_the_others_stay(
 def test_where_there_is_no_map_each_waveform_is_solved_and_the_reason_logged(
     tmp_path, model, ccx, transients, lines, change, waves, reason
 ):
-    found = simulate(waves, change(model), tmp_path, log=lines.append)
+    found = run_simulation(waves, change(model), tmp_path)
     [(places, _)] = transients
     assert len(places) == 2
     assert reason in lines[0]
@@ -360,29 +411,29 @@ def test_where_there_is_no_map_each_waveform_is_solved_and_the_reason_logged(
 def test_skin_that_slips_under_friction_gets_transients_with_that_contact(
     tmp_path, model, slipping, transients, lines
 ):
-    found = simulate(ONE, model, tmp_path, log=lines.append)
+    found = run_simulation(ONE, model, tmp_path)
     [([place], _)] = transients
     assert contact_of(place)["friction"] == LADDER[0].friction
-    assert lines[0].startswith("skin slips under the probe")
+    assert "skin slips under the probe" in lines[0]
     assert (found.origin["method"], found.origin["closure_percent"]) == ("transient", 1.5)
     assert "response" not in found.origin
 
 
 def test_skin_that_slips_is_an_error_of_a_map_that_was_asked_for(tmp_path, model, slipping):
     with pytest.raises(UsageError, match="skin slips under the probe"):
-        simulate(ONE, model, tmp_path, method="map")
+        run_simulation(ONE, model, tmp_path, method="map")
 
 
 def test_after_a_slip_contacts_with_friction_follow_and_no_others(
     tmp_path, model, slipping, transients
 ):
     transients.failures = [Cause.DIVERGED]
-    simulate(ONE, model, tmp_path / "once")
+    run_simulation(ONE, model, tmp_path / "once")
     assert contact_of(tmp_path / "once/runs/sine_20_250")["stick_share"] == LADDER[1].stick_share
     transients.clear()
     transients.failures = [Cause.DIVERGED] * 99
     with pytest.raises(SolverError):
-        simulate(ONE, model, tmp_path / "always")
+        run_simulation(ONE, model, tmp_path / "always")
     rough = [contact for contact in LADDER if contact.friction == LADDER[0].friction]
     assert len(transients) == len(rough) < len(LADDER)
 
@@ -406,17 +457,17 @@ def test_cores_are_shared_unless_someone_said_otherwise(
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     if asked is not None:
         monkeypatch.setenv("OMP_NUM_THREADS", asked)
-    assert SolverSettings(threads=threads).shared_by(runs).threads == expected
+    assert Solver(threads=threads).shared_by(runs).threads == expected
 
 
 def test_long_transients_take_a_word_before_anything_is_solved(tmp_path, model, ccx, lines):
     all_of_them = stimuli_of("all")
     with pytest.raises(UsageError, match=r"82 transients of .* --yes") as caught:
-        simulate(all_of_them, model, tmp_path, method="transient", yes=False)
+        run_simulation(all_of_them, model, tmp_path, method="transient", yes=False)
     assert len(str(caught.value)) < 300
     assert ccx == []
-    limited = SolverSettings(time_limit_s=5.0)
-    check_cost(all_of_them, model, limited, lines.append, yes=False)
+    limited = Solver(time_limit_s=5.0)
+    check_cost(all_of_them, model, limited, yes=False)
     assert lines[0].startswith("82 transients of ")
 
 
@@ -475,3 +526,25 @@ def test_a_simulation_that_unpacks_to_more_than_the_limits_is_refused(
     monkeypatch.setenv("FEMBRIDGE_MEMORY", "20K")
     with pytest.raises(ResultError, match="FEMBRIDGE_MEMORY=8G"):
         stimuli_in(tmp_path)
+
+
+def test_a_result_shows_itself_in_a_few_lines_and_a_notebook():
+    result = fb.simulate(["sine_20_250", "sine_100_200"], stored=True)
+    assert len(repr(result).splitlines()) <= 5
+    assert "data:image/png;base64," in result._repr_html_()
+    assert result.plot()._repr_png_().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(("kind", "panels"), [("raster", 3), ("psth", 3), ("isi", 3), ("rates", 6)])
+def test_a_picture_is_drawn_into_the_axes_of_the_caller(kind, panels):
+    from matplotlib.figure import Figure
+
+    result = fb.simulate(["sine_20_250", "sine_100_200"], stored=True)
+    figure = Figure()
+    axes = figure.subplots(1, panels)
+    assert result.plot(kind, ax=axes) is figure
+    assert all(panel.has_data() for panel in axes)
+    assert len(figure.axes) == panels
+    with pytest.raises(UsageError) as caught:
+        result.plot(kind, ax=axes[:2])
+    assert (caught.value.argument, caught.value.found) == ("ax", 2)

@@ -43,10 +43,25 @@ def test_import_loads_numpy_and_nothing_heavier(tmp_path):
         "import fembridge",
         "fembridge.Stimulus, fembridge.StressTrace",
         "fembridge.make_stimulus(*fembridge.resolve('noise_5_25_1'))",
-        "import fembridge.stimulus_file, fembridge.machine",
+        "import fembridge.io.waveform_file, fembridge.host.machine",
         f"fembridge.read({str(FRD)!r}, [11])",
     ]
     assert_not_loaded(HEAVY, steps, tmp_path)
+
+
+def test_stored_answers_load_no_mesher(tmp_path):
+    (tmp_path / "own.toml").write_text("[skin]\nepidermis_mm = 0.5\n", encoding="utf-8")
+    words = ["simulate", "--stimulus", "sine_20_250", "--stored", "-o", "out", "--no-plot"]
+    steps = [
+        "import fembridge as fb",
+        "fb.simulate('sine_20_250', stored=True)",
+        "fb.threshold(['PC'], [250])",
+        "fb.deflect()",
+        "from fembridge.cli import main",
+        f"assert main({words!r}) == 0",
+        f"assert main({[*words, '--finger', 'own.toml']!r}) == 1",
+    ]
+    assert_not_loaded({"gmsh", "pygmsh", "meshio"}, steps, tmp_path)
 
 
 def test_neural_loads_numpy_and_neither_decks_nor_anything_heavier(tmp_path):
@@ -74,20 +89,20 @@ def test_it_refuses_to_start_beside_a_stranger_and_names_the_file(tmp_path, name
     done = python(code, tmp_path, cwd=tmp_path)
     assert done.returncode == 1
     last_line = done.stderr.splitlines()[-1]
-    assert last_line.startswith(f"ImportError: fembridge: {stranger} is in the way")
+    assert last_line.startswith(f"ImportError: fembridge: {stranger} hides the package")
     assert str(ROOT / name) in last_line
 
 
 def test_it_refuses_a_stranger_that_was_imported_before(tmp_path):
     (tmp_path / "neural.py").write_text("")
     done = python("import neural, fembridge", tmp_path, cwd=tmp_path)
-    assert "neural.py is in the way" in done.stderr
+    assert "neural.py hides the package" in done.stderr
 
 
 def test_a_half_installed_package_says_what_is_missing(tmp_path):
-    (tmp_path / "fembridge").mkdir()
-    for name in ("__init__.py", "interrupt.py", "version.py"):
-        shutil.copy(ROOT / "fembridge" / name, tmp_path / "fembridge")
+    (tmp_path / "fembridge/host").mkdir(parents=True)
+    for name in ("__init__.py", "host/__init__.py", "host/interrupt.py", "version.py"):
+        shutil.copy(ROOT / "fembridge" / name, tmp_path / "fembridge" / name)
     code = (
         f"import sys; sys.path = [p for p in sys.path if p != {str(ROOT)!r}]; "
         f"sys.path.insert(0, {str(tmp_path)!r}); import fembridge"

@@ -7,10 +7,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.stimuli import resolve
-from decks.waveform import make_stimulus
+from decks.synthesis import make_stimulus
 from fembridge.cli import main
+from fembridge.io.waveform_file import FORMATS, write_marc_table, write_wav
 from fembridge.stimulus import Stimulus
-from fembridge.stimulus_file import FORMATS, write_marc_table, write_wav
 
 
 def summary(capsys, *words):
@@ -123,7 +123,7 @@ def test_preindentation_and_seed_reach_the_file_and_the_summary(tmp_path, capsys
         (["--export", "csv", "sine_20_25o"], "did you mean"),
         (["sine_20", "-o", "x"], "--output is for --export"),
         (["--seed", "1"], "--seed is for --export"),
-        (["--export", "csv", "sine_20_250", "--seed", "1"], "--seed (seed=) is for noise"),
+        (["--export", "csv", "sine_20_250", "--seed", "1"], "--seed is for noise"),
         (["--export", "csv", "sine_20_250", "--dt-ms", "3"], "--dt-ms is for a waveform in .npy"),
         (["--export", "wav", "sine_20_250", "--full-scale-um", "3"], "a waveform in .wav"),
         (

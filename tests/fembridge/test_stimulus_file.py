@@ -7,13 +7,14 @@ import wave
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 from scipy.interpolate import PchipInterpolator
 
 import fembridge as fb
 from decks.stimuli import MAX_SAMPLES, resolve
-from decks.waveform import make_stimulus
+from decks.synthesis import make_stimulus
 from fembridge.cli import main
 from fembridge.errors import (
     FembridgeError,
@@ -22,8 +23,9 @@ from fembridge.errors import (
     TableError,
     UsageError,
 )
-from fembridge.run_folder import read_run_folder, read_waveform
-from fembridge.stimulus_file import FORMATS, read_stimulus, stimuli_of, write_stimulus
+from fembridge.io.run_folder import read_run_folder, read_waveform
+from fembridge.io.waveform import resolve_stimuli
+from fembridge.io.waveform_file import FORMATS, read_stimulus, write_stimulus
 from fembridge.trace import resample
 
 TIMES_MS = np.arange(201) * 0.5
@@ -93,14 +95,15 @@ def test_a_wav_of_others_takes_its_scale_by_option(tmp_path, kind, bits, code, p
     back = read_stimulus(path, full_scale_um=200.0)
 
     assert_allclose(back.displacement_um, TAP_UM, rtol=0, atol=100 / min(peak, 32767) + 1e-5)
-    with pytest.raises(StimulusError, match="--full-scale-um"):
+    with pytest.raises(StimulusError) as refused:
         read_stimulus(path)
+    assert (refused.value.argument, refused.value.path) == ("full_scale_um", path)
     path.write_bytes(path.read_bytes()[:-10])
     with pytest.raises(StimulusError, match="cut"):
         read_stimulus(path, full_scale_um=200.0)
 
 
-def test_seconds_millimetres_and_uneven_times_become_samples_every_half_ms(tmp_path):
+def test_seconds_millimetres_and_uneven_times_become_samples_every_half_ms(tmp_path, logged):
     """PCHIP between the samples, said in one line; time counts from the first."""
     rng = np.random.default_rng(5)
     times_s = 3.0 + np.cumsum(rng.uniform(1e-4, 4e-4, 400))
@@ -109,9 +112,9 @@ def test_seconds_millimetres_and_uneven_times_become_samples_every_half_ms(tmp_p
     path = tmp_path / "robot arm.csv"
     rows = (f"{0.2 * w!r},x,{t!r}\n" for w, t in zip(way.tolist(), times_s.tolist(), strict=True))
     path.write_text(f"{header}\n{''.join(rows)}")
-    said = []
+    said = logged
 
-    back = read_stimulus(path, log=said.append)
+    back = read_stimulus(path)
 
     exact_um = 200 * np.sin(2 * np.pi * 20e-3 * back.times_ms)
     assert_allclose(back.displacement_um, exact_um, rtol=0, atol=0.1)
@@ -122,26 +125,88 @@ def test_seconds_millimetres_and_uneven_times_become_samples_every_half_ms(tmp_p
     assert "400 samples, uneven times, resampled" in resampled
 
 
-def test_what_lies_above_half_the_rate_is_said(tmp_path):
+def test_what_lies_above_half_the_rate_is_said(tmp_path, logged):
     times_ms = np.arange(2000) * 0.05
-    said = []
+    said = logged
     for hz in (100.0, 3900.0):
         samples = 10 * np.sin(2e-3 * np.pi * hz * times_ms)
         np.save(tmp_path / f"{hz:g}.npy", samples)
-    read_stimulus(tmp_path / "100.npy", dt_ms=0.05, log=said.append)
+    read_stimulus(tmp_path / "100.npy", dt_ms=0.05)
     assert said[0].endswith("one every 0.5 ms")
     with pytest.warns(FembridgeWarning, match="100 % of its power is above 1000 Hz"):
         read_stimulus(tmp_path / "3900.npy", dt_ms=0.05)
 
 
-def test_the_first_sample_is_where_the_probe_stands_before(tmp_path):
+def test_the_first_sample_is_where_the_probe_stands_before(tmp_path, logged):
     from_rest = table(tmp_path / "rest.csv", TIMES_MS, TAP_UM)
     deep = table(tmp_path / "deep.csv", TIMES_MS, TAP_UM + 30)
-    said = []
-    rest, stands = stimuli_of([from_rest, deep], 75.0, log=said.append)
+    said = logged
+    rest, stands = resolve_stimuli([from_rest, deep], 75.0)
     assert (rest.preindent_um, rest.displacement_um[0]) == (75.0, 75.0)
     assert (stands.preindent_um, stands.displacement_um[0]) == (30.0, 30.0)
-    assert ["starts 30 um deep" in line for line in said] == [True]
+    assert ["30 um" in line for line in said] == [True]
+
+
+def samples_of(stimulus, **options):
+    [resolved] = resolve_stimuli(stimulus, **options)
+    return resolved
+
+
+def test_an_array_a_table_and_a_file_are_the_same_waveform(tap):
+    """So are a list of these, a Stimulus, and a path; the pre-indentation is added once."""
+    frame = pd.DataFrame({"time_ms": TIMES_MS, "displacement_um": TAP_UM})
+    array = fb.Waveform(TAP_UM, dt_ms=0.5, name="tap")
+    listed = fb.Waveform(TAP_UM.tolist(), dt_ms=0.5)
+    rest = fb.Stimulus("tap", TAP_UM, 0.5, (0.0, 100.0))
+    for depth_um in (0.0, 75.0):
+        expected = samples_of("tap.csv", preindent_um=depth_um)
+        assert expected.preindent_um == depth_um
+        for waveform in (tap, Path("tap.csv"), frame, array, listed, rest, [array]):
+            stimulus = samples_of(waveform, preindent_um=depth_um)
+            assert_allclose(stimulus.displacement_um, expected.displacement_um, atol=1e-6)
+            assert stimulus.preindent_um == depth_um
+            assert stimulus.window_ms == expected.window_ms
+    assert samples_of(array).origin["sha256"] == samples_of(listed).origin["sha256"]
+    deep = fb.Stimulus("deep", TAP_UM + 30, 0.5, (0.0, 100.0), 30.0)
+    assert samples_of(deep, preindent_um=75.0) is deep
+
+
+def test_a_waveform_takes_the_options_of_the_command(tap):
+    [slow] = fb.Waveform("sine_20_250", slide_mm_per_s=4.0, window_ms=(20, 40)).stimuli()
+    assert (slow.id, slow.window_ms, slow.aside_um[-1]) == ("sine_20_250_slide_4", (20, 40), 1000.0)
+    [noise] = fb.Waveform("noise_25_250_20", seed=7, name="mine").stimuli()
+    assert (noise.id, noise.origin["seed"]) == ("mine", 7)
+    assert [item.id for item in fb.Waveform(["sine_20_250", "tap.csv"]).stimuli()] == [
+        "tap",
+        "sine_20_250",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("make", "argument"),
+    [
+        (lambda: resolve_stimuli(TAP_UM), "stimulus"),
+        (lambda: resolve_stimuli([1.0, 2.0]), "stimulus"),
+        (lambda: resolve_stimuli(5), "stimulus"),
+        (lambda: resolve_stimuli([None]), "stimulus"),
+        (lambda: resolve_stimuli([fb.Waveform(TAP_UM, dt_ms=0.5)] * 2), "stimulus"),
+        (lambda: fb.Waveform(TAP_UM), "dt_ms"),
+        (lambda: fb.Waveform(TAP_UM, dt_ms=0), "dt_ms"),
+        (lambda: fb.Waveform(TAP_UM, dt_ms=0.5, seed=1), "seed"),
+        (lambda: fb.Waveform(pd.DataFrame(), dt_ms=0.5), "dt_ms"),
+        (lambda: fb.Waveform("noise_25_250_20", seed=-1), "seed"),
+        (lambda: fb.Waveform("sine_20_250", seed=1).stimuli(), "seed"),
+        (lambda: fb.Waveform("sine_20_250", dt_ms=1).stimuli(), "dt_ms"),
+        (lambda: fb.Waveform("sine_20_250", full_scale_um=1).stimuli(), "full_scale_um"),
+        (lambda: fb.Waveform("noise_25_250", name="n").stimuli(), "name"),
+        (lambda: fb.Waveform(object(), dt_ms=1), "source"),
+        (lambda: fb.Waveform(np.zeros((2, 2)), dt_ms=1), "source"),
+    ],
+)
+def test_a_waveform_that_means_nothing_names_its_argument(make, argument):
+    with pytest.raises(UsageError) as refused:
+        make()
+    assert refused.value.argument == argument
 
 
 def test_a_waveform_goes_through_every_verb_that_takes_a_stimulus(tap, capsys):
@@ -168,7 +233,7 @@ def test_a_waveform_goes_through_every_verb_that_takes_a_stimulus(tap, capsys):
     (tap.parent / "pins.csv").write_text(
         "x_mm,z_mm,diameter_mm,stimulus\n0,0,1,tap.csv\n3,0,1,ramp_100_20_20_20\n"
     )
-    assert fb.touch(pins="pins.csv", population="one_each").way.window_ms == (0.0, 210.0)
+    assert fb.Trajectory.from_pins("pins.csv").window_ms == (0.0, 210.0)
     assert "not in the appendix" not in capsys.readouterr().err
 
 
@@ -192,7 +257,7 @@ def test_what_is_no_waveform_is_refused_in_one_line(tmp_path, name, content, fou
     path = tmp_path / name
     path.write_text(content)
     with pytest.raises((StimulusError, TableError)) as refused:
-        stimuli_of(str(path), **{".npy": {"dt_ms": 0.5}}.get(path.suffix, {}))
+        fb.Waveform(str(path), **{".npy": {"dt_ms": 0.5}}.get(path.suffix, {})).stimuli()
     message = str(refused.value).replace(f"{tmp_path}/", "")
     assert found in message
     assert len(message) < 300
@@ -210,20 +275,23 @@ def test_an_npy_of_something_else_is_refused(tmp_path, content):
 
 def test_an_npy_needs_its_step_and_names_are_distinguished(tap, capsys):
     np.save("tap.npy", TAP_UM)
-    with pytest.raises(StimulusError, match="--dt-ms"):
-        stimuli_of("tap.npy")
-    with pytest.raises(UsageError, match="two waveforms are named tap"):
-        stimuli_of("tap.npy,tap.csv", dt_ms=0.5)
-    with pytest.raises(FembridgeError, match="cannot be read"):
-        stimuli_of("absent/tap")
-    assert main(["simulate", "--stimulus", "tap.csv", "--stored", "--window-ms", "0:200"]) == 2
-    assert "window 0 to 200 ms is not inside 0 to 100 ms" in capsys.readouterr().err
+    with pytest.raises(StimulusError) as refused:
+        resolve_stimuli("tap.npy")
+    assert (refused.value.argument, refused.value.path) == ("dt_ms", Path("tap.npy"))
+    with pytest.raises(UsageError, match="'tap'") as refused:
+        resolve_stimuli(fb.Waveform("tap.npy,tap.csv", dt_ms=0.5))
+    assert refused.value.argument == "stimulus"
+    with pytest.raises(FembridgeError, match="absent/tap"):
+        resolve_stimuli("absent/tap")
+    with pytest.raises(StimulusError) as refused:
+        resolve_stimuli(fb.Waveform("tap.csv", window_ms=(0.0, 200.0)))
+    assert (refused.value.argument, refused.value.found) == ("window_ms", (0.0, 200.0))
 
 
 @pytest.mark.parametrize("suffix", [".npy", ".wav", ".npz"])
 def test_a_damaged_binary_is_refused_whatever_its_parser_makes_of_it(tmp_path, suffix):
     """Byte after byte of the header: an error of ours in one line, or samples."""
-    from fembridge.encoding import read_stress
+    from fembridge.simulation.encoding import read_stress
 
     made_of = made("sine_20_250")
     if suffix == ".npz":
@@ -238,7 +306,7 @@ def test_a_damaged_binary_is_refused_whatever_its_parser_makes_of_it(tmp_path, s
             path.write_bytes(whole[:place] + bytes([byte]) + whole[place + 1 :])
             try:
                 if suffix == ".npz":
-                    read_stress(path, print)
+                    read_stress(path)
                 else:
                     read_stimulus(path, dt_ms=0.5)
             except FembridgeError as error:
@@ -250,8 +318,10 @@ def test_a_long_waveform_is_bounded(tmp_path):
     path = tmp_path / "long.npy"
     np.save(path, np.sin(np.arange(MAX_SAMPLES) * 1e-2))
     assert read_stimulus(path, dt_ms=0.5).displacement_um.size == MAX_SAMPLES
-    with pytest.raises(StimulusError, match="expected at most 100000 ms"):
+    with pytest.raises(StimulusError) as caught:
         read_stimulus(path, dt_ms=0.6)
+    assert caught.value.found == pytest.approx(120_000)
+    assert caught.value.path == path
 
 
 def test_a_depth_before_time_0_that_no_waveform_takes_is_refused(tmp_path, monkeypatch):
@@ -261,9 +331,11 @@ def test_a_depth_before_time_0_that_no_waveform_takes_is_refused(tmp_path, monke
         lambda depth_um: fb.simulate("deep.csv", stored=True, preindent_um=depth_um),
         lambda depth_um: fb.build_deck("deep.csv", "runs", preindent_um=depth_um),
     ):
-        with pytest.raises(UsageError, match="deep holds its own depth before time 0, 30 um"):
+        with pytest.raises(UsageError, match="30 um") as refused:
             make(75.0)
-        make(30.0)
+        assert (refused.value.argument, refused.value.found) == ("preindent_um", 75.0)
+        with pytest.warns(FembridgeWarning, match=r"75 um \(here: 30 um\)"):
+            make(30.0)
 
 
 def chunk(name, content):
@@ -291,7 +363,7 @@ def test_a_wav_whose_sizes_do_not_fit_is_refused_and_bytes_behind_it_are_named(t
         with pytest.raises(StimulusError, match=r"damaged|cut"):
             read_stimulus(path)
     path.write_bytes(wav + b"ID3 of a player")
-    with pytest.warns(FembridgeWarning, match="15 bytes behind the end"):
+    with pytest.warns(FembridgeWarning, match="15 bytes after the end"):
         assert_allclose(read_stimulus(path).displacement_um, whole)
     listed = wav[12:] + chunk(b"bext", b"odd")  # of others, with a byte to make it even
     path.write_bytes(b"RIFF" + struct.pack("<I", 4 + len(listed)) + b"WAVE" + listed)

@@ -19,7 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fembridge.errors import FembridgeError, LockedError, OutputError, UsageError
-from fembridge.store import (
+from fembridge.host.store import (
     changed,
     check_output,
     digest,
@@ -37,7 +37,7 @@ from fembridge.store import (
 HOLD = """
 from pathlib import Path
 from time import sleep
-from fembridge.store import folder_lock
+from fembridge.host.store import folder_lock
 with folder_lock(Path({folder!r}), ".lock"):
     print("held", flush=True)
     sleep(60)
@@ -46,7 +46,7 @@ with folder_lock(Path({folder!r}), ".lock"):
 WRITE = """
 import os, signal, sys
 from pathlib import Path
-from fembridge.store import filling, replacing, write_text
+from fembridge.host.store import filling, replacing, write_text
 with filling(Path({folder!r}), last="a") as draft, replacing(Path({folder!r}, "b.csv")) as one:
     write_text(draft / "a", "half")
     print("half", flush=True)
@@ -103,8 +103,9 @@ def test_a_pipe_or_a_device_is_not_replaced(tmp_path, name):
     """Else root's ``-o /dev/null`` would leave the machine without one."""
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "link").symlink_to("pipe")
-    with pytest.raises(OutputError, match="a device or a pipe, expected the name of"):
+    with pytest.raises(OutputError) as refused:
         write_text(tmp_path / name, "new")
+    assert refused.value.path == tmp_path / name
     assert (tmp_path / "pipe").is_fifo()
     assert (tmp_path / "link").is_symlink()
     assert names_in(tmp_path) == ["link", "pipe"]
@@ -124,7 +125,7 @@ def test_a_file_where_a_folder_is_wanted_is_named(file):
     path = file("file", "mine")
     with pytest.raises(OutputError) as caught:
         write_text(path / "a/b/rates.csv", "new")
-    assert str(caught.value) == f"{path}: a file stands where a folder is wanted"
+    assert caught.value.path == path
     assert path.read_text() == "mine"
 
 
@@ -308,25 +309,33 @@ def test_what_a_table_says_is_put_over_a_value():
 
 
 @pytest.mark.parametrize(
-    ("table", "place", "found"),
+    ("table", "key", "found", "expected"),
     [
-        ({}, "layers", "absent"),
-        ({"layer": []}, "'layer'", "layers"),  # misspelt: the near one is named
-        ({"layers": "dermis"}, "layers", "'dermis'"),
-        ({"layers": [{"name": "x"}, {"name": 7}]}, r"layers 2\.name", "7"),
-        ({"layers": [{"name": "x", "young_mpa": "2"}]}, r"layers 1\.young_mpa", "'2'"),
-        ({"layers": [{"name": "x", "young_mpa": True}]}, r"layers 1\.young_mpa", "True"),
-        ({"layers": [{"name": "x", "rows": 1.5}]}, r"layers 1\.rows", "1.5"),
-        ({"layers": [], "sizes_mm": [1, "b"]}, "sizes_mm 2", "'b'"),
-        ({"layers": [], "named": {"top": {"name": 3}}}, r"named\.top\.name", "3"),
-        ({"layers": [], "sizes_mm": [10**400]}, "sizes_mm 1", "too large"),
-        (3, "", "3"),
+        ({}, "layers", None, None),
+        ({"layers": "dermis"}, "layers", "dermis", "a list"),
+        ({"layers": [{"name": "x"}, {"name": 7}]}, "layers 2.name", 7, "a word"),
+        ({"layers": [{"name": "x", "young_mpa": "2"}]}, "layers 1.young_mpa", "2", "a number"),
+        ({"layers": [{"name": "x", "young_mpa": True}]}, "layers 1.young_mpa", True, "a number"),
+        ({"layers": [{"name": "x", "rows": 1.5}]}, "layers 1.rows", 1.5, "a whole number"),
+        ({"layers": [], "sizes_mm": [1, "b"]}, "sizes_mm 2", "b", "a number"),
+        ({"layers": [], "named": {"top": {"name": 3}}}, "named.top.name", 3, "a word"),
+        ({"layers": [], "sizes_mm": [10**400]}, "sizes_mm 1", 10**400, "a number below 1e308"),
+        (3, None, 3, "a table"),
     ],
 )
-def test_a_table_of_another_kind_is_one_line_with_place_and_value(table, place, found):
-    with pytest.raises(UsageError, match=f"{place}.*{found}") as caught:
+def test_a_table_of_another_kind_is_an_error_with_key_and_value(table, key, found, expected):
+    with pytest.raises(UsageError) as caught:
         structure(table, Skin, UsageError)
-    assert "\n" not in str(caught.value)
+    error = caught.value
+    assert (error.key, error.found, error.expected) == (key, found, expected)
+    assert "\n" not in str(error)
+    assert len(str(error)) < 200
+
+
+def test_an_unknown_key_is_reported_before_other_errors_and_with_a_similar_one():
+    with pytest.raises(UsageError, match="layers") as caught:
+        structure({"layer": [], "seed": "x"}, Skin, UsageError)
+    assert (caught.value.key, caught.value.found) == ("layer", "layer")
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from decks.stimuli import CATALOGUE
-from fembridge import tables
 from fembridge.errors import (
     FembridgeWarning,
     StimulusError,
@@ -18,18 +17,20 @@ from fembridge.errors import (
     TraceError,
     UsageError,
 )
-from fembridge.observed import read_observed
-from fembridge.stimulus_file import read_stimulus
-from fembridge.tables import (
+from fembridge.io import text_table
+from fembridge.io.observed_rates import read_observed
+from fembridge.io.spike_table import (
     AFFERENTS,
     Rate,
     SpikeTrain,
     read_rates,
     read_spikes,
-    read_table,
-    read_traces,
     write_rates,
+    write_spikes,
 )
+from fembridge.io.text_table import read_table
+from fembridge.io.trace_table import read_traces
+from fembridge.io.waveform_file import read_stimulus
 from fembridge.trace import StressTrace, Traces
 
 HEADER = "time_ms,afferent,node,von_mises_pa\n"
@@ -41,7 +42,7 @@ def refusal(read, path):
         read(path)
     assert caught.value.path == path
     assert pickle.loads(pickle.dumps(caught.value)).args == caught.value.args
-    return caught.value.line, caught.value.problem
+    return caught.value.line, str(caught.value).partition(": ")[2]
 
 
 @settings(deadline=None)
@@ -79,26 +80,39 @@ def test_rows_of_several_nodes_may_be_mixed_and_columns_in_any_order(table):
 @pytest.mark.parametrize(
     ("rows", "line", "column", "found"),
     [
-        ("0,SA,4,1\n0.5,SA,4,soft\n", 3, "von_mises_pa", "'soft'"),
+        ("0,SA,4,1\n0.5,SA,4,soft\n", 3, "von_mises_pa", "soft"),
         ("0,SA,4,nan\n", 2, "von_mises_pa", "nan"),
-        ("0,SA,4,1_000\n", 2, "von_mises_pa", "'1_000'"),
-        ("0,SA,4.5,1\n", 2, "node", "'4.5'"),
-        ("0,SA,-1,1\n", 2, "node", "-1"),
-        ("\n , ,,\n0,SA1,4,1\n", 4, "afferent", "'SA1'"),
+        ("0,SA,4,1_000\n", 2, "von_mises_pa", "1_000"),
+        ("0,SA,4.5,1\n", 2, "node", "4.5"),
+        ("0,SA,-1,1\n", 2, "node", -1),
+        ("\n , ,,\n0,SA1,4,1\n", 4, "afferent", "SA1"),
+        ('"0",SA,4,"1\n"\n0.5,SA,4,soft\n', 4, "von_mises_pa", "soft"),
+    ],
+)
+def test_a_cell_that_is_no_value_is_an_error_with_line_and_column(table, rows, line, column, found):
+    path = table(HEADER + rows)
+    with pytest.raises(TableError) as caught:
+        read_traces(path)
+    error = caught.value
+    assert (error.path, error.line, error.key, error.found) == (path, line, column, found)
+
+
+@pytest.mark.parametrize(
+    ("rows", "line", "begin", "found"),
+    [
         ("0,SA,4,1\n", 2, "SA node 4", "one sample"),
         ("0,SA,4,1\n0.5,SA,4,1\n1,SA,4,1\n2,SA,4,1\n", 5, "SA node 4", "from 1 to 2 ms"),
         ("0,,4,1\n0.5,,4,1\n0.5,,4,1\n1,,4,1\n", 4, "node 4", "from 0.5 to 0.5 ms"),
         ("0,SA,4,1\n0,5,SA,4,1\n", 3, "5 cells", "expected 4"),
         ("0,SA,4,1,5\n", 2, "5 cells", "'1,5' looks like a decimal comma"),
         ('0,SA,4,1\n0.5,SA,4,"1\n', 3, "not CSV", ""),
-        ('"0",SA,4,"1\n"\n0.5,SA,4,soft\n', 4, "von_mises_pa", "'soft'"),
         ("", None, "a header and no rows", ""),
     ],
 )
-def test_a_row_that_is_no_sample_is_named(table, rows, line, column, found):
+def test_a_row_that_is_no_sample_is_named(table, rows, line, begin, found):
     named, problem = refusal(read_traces, table(HEADER + rows))
     assert named == line
-    assert problem.startswith(column)
+    assert problem.startswith(begin)
     assert found in problem
 
 
@@ -138,7 +152,7 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
 
 
 def test_spikes_in_any_order_come_back_rising_but_not_doubled(table):
-    header = "stimulus,afferent,repeat,spike_time_ms\n"
+    header = "stimulus,afferent,cell,spike_time_ms\n"
     [train] = read_spikes(table(header + "s,SA,0,9\ns,SA,0,3\n"))
     assert train.times_ms.tolist() == [3.0, 9.0]
     doubled = table(header + "s,SA,0,9\ns,SA,0,3\ns,SA,0,9.0\n")
@@ -146,6 +160,33 @@ def test_spikes_in_any_order_come_back_rising_but_not_doubled(table):
     assert line == 4
     assert "line 2" in problem
     assert refusal(read_spikes, table(header + "s,SA,-1,9\n"))[0] == 2
+
+
+@pytest.mark.parametrize(
+    ("keys", "columns"),
+    [
+        ([{}], "cell"),
+        ([{"cell": 1}, {"cell": 2}], "cell"),
+        ([{"trial": 1}, {"trial": 2}], "trial"),
+        ([{"unit": "SA1", "trial": 1}, {"unit": "SA2", "trial": 1}], "unit,trial"),
+        ([{"unit": "u", "cell": 1, "trial": 2}], "unit,cell,trial"),
+    ],
+)
+def test_trains_come_back_by_unit_cell_and_trial(tmp_path, keys, columns):
+    trains = [SpikeTrain("s", "SA", np.array([0.1, 1 / 3]), **key) for key in keys]
+    path = tmp_path / "spikes.csv"
+    write_spikes(path, trains)
+    assert path.read_text().splitlines()[0] == f"stimulus,afferent,{columns},spike_time_ms"
+    for train, copy in zip(trains, read_spikes(path), strict=True):
+        assert (copy.unit, copy.cell, copy.trial) == (train.unit, train.cell, train.trial)
+        assert copy.times_ms.tolist() == train.times_ms.tolist()
+
+
+def test_unit_cell_and_trial_may_be_absent(table):
+    [train] = read_spikes(table("stimulus,afferent,spike_time_ms\ns,SA,1\ns,SA,2\n"))
+    assert (train.unit, train.cell, train.trial) == ("", 0, 0)
+    trains = read_spikes(table("stimulus,afferent,spike_time_ms,trial\ns,SA,1,1\ns,SA,1,2\n"))
+    assert [train.trial for train in trains] == [1, 2]
 
 
 @pytest.mark.parametrize("times_ms", [[2.0, 1.0], [1.0, 1.0], [np.nan], [[1.0]]])
@@ -176,7 +217,7 @@ def test_a_plain_table_is_the_same_number_by_number_as_cell_by_cell(tmp_path):
 
 TABLES = {
     read_traces: "time_ms,afferent,node,von_mises_pa\n0,SA,1,100\n0.5,SA,1,12345\n",
-    read_spikes: "stimulus,afferent,repeat,spike_time_ms\ns,SA,0,3\ns,SA,0,9.125\n",
+    read_spikes: "stimulus,afferent,cell,spike_time_ms\ns,SA,0,3\ns,SA,0,9.125\n",
     read_rates: "stimulus,afferent,rate_ips\ns,SA,3\ns,RA,97.125\n",
     read_observed: "stimulus,afferent,rate_ips\nsine_20_250,SA,3\nsine_20_250,RA,97.125\n",
     read_stimulus: "time_ms,displacement_um\n0,0\n0.5,12.25\n",
@@ -248,7 +289,7 @@ def test_cells_that_need_more_memory_than_the_limit_are_refused(table, monkeypat
     [
         (read_traces, "time_ms,von_mises_pa", "units", "unit"),
         (read_traces, "time_ms,von_mises_pa", "Afferent", "afferent"),
-        (read_spikes, "stimulus,afferent,repeat,spike_time_ms", "unt", "unit"),
+        (read_spikes, "stimulus,afferent,cell,spike_time_ms", "unt", "unit"),
         (read_rates, "stimulus,afferent,rate_ips", "Unit", "unit"),
         (read_observed, "stimulus,afferent,rate_ips", "rate", "rate_ips"),
         (read_stimulus, "time_ms,displacement_um", "aside_mm", "aside_um"),
@@ -261,18 +302,17 @@ def test_a_misspelt_column_is_refused_with_the_near_name(table, read, known, mis
     assert f"{misspelt!r}; did you mean {hint}?" in problem
 
 
-def test_a_column_of_another_thing_is_named_or_refused(table):
-    lines = []
+def test_a_column_of_another_thing_is_named_or_refused(table, logged):
     rows = "time_ms,von_mises_pa,force_n,note\n0,1,2,a\n0.5,2,2,b\n"
-    read_traces(table(rows), lines.append)
-    assert lines == [f"{table(rows)}: columns not used: force_n, note"]
-    rows = "stimulus,afferent,repeat,spike_time_ms,trial\ns,SA,0,3,1\n"
-    with pytest.warns(FembridgeWarning, match="columns not used: trial"):
+    read_traces(table(rows))
+    assert logged == [f"{table(rows)}: columns not used: force_n, note"]
+    rows = "stimulus,afferent,cell,spike_time_ms,note\ns,SA,0,3,1\n"
+    with pytest.warns(FembridgeWarning, match="columns not used: note"):
         read_spikes(table(rows))
     with pytest.raises(TableError, match="unknown column 'sd'"):
         read_observed(table("stimulus,afferent,rate_ips,sd\nsine_20_250,SA,3,1\n"))
     with pytest.raises(TableError, match="duplicate column unit"):
-        read_spikes(table("stimulus,afferent,repeat,spike_time_ms,unit,unit\n"))
+        read_spikes(table("stimulus,afferent,cell,spike_time_ms,unit,unit\n"))
     with pytest.raises(TableError, match="duplicate column afferent"):
         read_traces(table("time_ms,von_mises_pa,afferent,afferent\n0,1,SA,RA\n"))
 
@@ -316,7 +356,7 @@ def test_a_number_that_is_infinite_in_our_unit_is_refused(table, header, row, op
 
 
 def test_rows_that_lack_cells_or_are_commented_out_are_named(table):
-    path = table("stimulus,afferent,repeat,spike_time_ms,unit\ns,SA,0,3,a\ns,SA,0,9\n")
+    path = table("stimulus,afferent,cell,spike_time_ms,unit\ns,SA,0,3,a\ns,SA,0,9\n")
     with pytest.warns(FembridgeWarning, match=r"table.csv:3: 4 of the 5 cells"):
         assert [train.unit for train in read_spikes(path)] == ["a", ""]
     path = table("stimulus,afferent,rate_ips\na,SA,3\n#b,SA,9\n# of a day\nc,SA,4\n")
@@ -334,9 +374,9 @@ def test_a_table_whose_traces_end_at_other_times_may_be_cut(table):
 
 
 def test_more_trains_than_there_are_afferents_are_refused(table, monkeypatch):
-    monkeypatch.setattr(tables, "MAX_GROUPS", 3)
+    monkeypatch.setattr(text_table, "MAX_GROUPS", 3)
     rows = "".join(f"s{k},SA,0,1\n" for k in range(4))
-    _, problem = refusal(read_spikes, table(f"stimulus,afferent,repeat,spike_time_ms\n{rows}"))
+    _, problem = refusal(read_spikes, table(f"stimulus,afferent,cell,spike_time_ms\n{rows}"))
     assert "4 different" in problem
 
 
@@ -389,10 +429,10 @@ def test_ids_come_back_as_the_catalogue_spells_them(table):
 
 def test_a_class_has_its_own_stimuli_and_one_that_was_not_observed_is_named(table):
     observed = read_observed(table(RATES + "sine_50_250,PC,4\nsine_20_250,SA,3\n"), complete=False)
-    stimuli, rate_ips = observed.of("PC")
+    stimuli, rate_ips = observed.rates_of("PC")
     assert (stimuli, rate_ips.tolist()) == (("sine_50_250",), [4.0])
     with pytest.raises(UsageError, match="'RA'"):
-        observed.of("RA")
+        observed.rates_of("RA")
 
 
 LACKING = "sine_20_25,SA,3\nsine_20_25,RA,3\nsine_50_250,SA,4\nsine_100_10,RA,5\n"
@@ -428,10 +468,11 @@ def test_a_row_that_is_no_rate_is_named(table, rows, line, found):
     with pytest.raises(TableError) as caught:
         read_observed(table(RATES + rows))
     assert caught.value.line == line
-    assert found in caught.value.problem
+    assert found in str(caught.value)
 
 
 def test_a_frame_names_its_row():
     frame = pd.DataFrame({"stimulus": ["sine_20_250"] * 2, "afferent": ["SA", "RA"]})
-    with pytest.raises(TableError, match="DataFrame:2: rate_ips is nan"):
+    with pytest.raises(TableError) as caught:
         read_observed(frame.assign(rate_ips=[3.0, np.nan]))
+    assert (caught.value.line, caught.value.key) == (2, "rate_ips")

@@ -1,6 +1,7 @@
 """`fembridge threshold`, the evidence it shows, TouchSim's rates, and a plain search beside it."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -20,8 +21,14 @@ from fembridge.evidence import (
     touchsim_rates,
 )
 from fembridge.fitting.problem import stored_source
-from fembridge.tables import AFFERENTS
-from fembridge.tuning import against_evidence, frequencies_of, thresholds, vibration
+from fembridge.fitting.thresholds import (
+    Thresholds,
+    class_thresholds,
+    compare_with_evidence,
+    parse_frequencies,
+    vibration,
+)
+from fembridge.trace import AFFERENTS
 from neural import encode_cells
 from neural.parameters import RisingRaParameters
 
@@ -35,7 +42,7 @@ def response():
 
 def test_a_threshold_is_where_a_plain_search_finds_it(response):
     [frequency_hz] = [40.0]
-    found = thresholds(response, RA, [frequency_hz], 75.0)
+    found = class_thresholds(response, RA, [frequency_hz], 75.0)
 
     for row, criterion in enumerate(CRITERIA):
         of_cells = []
@@ -56,35 +63,73 @@ def test_a_threshold_is_where_a_plain_search_finds_it(response):
 
 def test_what_even_the_deepest_vibration_does_not_reach_is_no_number(response):
     deaf = RisingRaParameters(tau_ms=400.0, step_pa=9e5)
-    found = thresholds(response, deaf, [40.0], 75.0)
+    found = class_thresholds(response, deaf, [40.0], 75.0)
     assert found["amplitude_um"].isna().all()
     observed = published(THRESHOLDS).table.query("afferent == 'RA' and frequency_hz == 38")
-    assert against_evidence(found.assign(frequency_hz=38), observed)["ratio"].isna().all()
+    assert compare_with_evidence(found.assign(frequency_hz=38), observed)["ratio"].isna().all()
 
 
 def test_frequencies_are_third_octaves_or_a_list():
-    assert frequencies_of("5:12.5") == [5.0, 6.3, 8.0, 10.0, 12.5]
-    assert frequencies_of("10,37") == [10.0, 37.0]
+    assert parse_frequencies("5:12.5") == [5.0, 6.3, 8.0, 10.0, 12.5]
+    assert parse_frequencies("10,37") == [10.0, 37.0]
     for words in ("low", "5:x", "900:1000", "2:9000", "1:800", "330:390"):
-        with pytest.raises(UsageError, match=words):
-            frequencies_of(words)
+        with pytest.raises(UsageError) as caught:
+            parse_frequencies(words)
+        assert (caught.value.argument, caught.value.found) == ("frequencies_hz", words)
 
 
 @pytest.mark.parametrize("frequency_hz", [1.0, 801.0])
 def test_a_frequency_that_nobody_recorded_is_refused(response, frequency_hz):
-    with pytest.raises(UsageError, match="2 to 800"):
-        thresholds(response, RA, [frequency_hz])
+    with pytest.raises(UsageError) as caught:
+        class_thresholds(response, RA, [frequency_hz])
+    assert (caught.value.argument, caught.value.found) == ("frequencies_hz", frequency_hz)
 
 
 def test_a_class_that_there_is_not_is_refused():
-    with pytest.raises(UsageError, match="'PX', expected one of SA, RA, PC"):
-        fb.thresholds(["RA", "PX"], "5:10")
+    with pytest.raises(UsageError) as caught:
+        fb.threshold(["RA", "PX"], "5:10")
+    assert (caught.value.argument, caught.value.found) == ("afferents", "PX")
+
+
+def test_parameters_of_another_finger_or_depth_warn():
+    with pytest.warns(FembridgeWarning, match="quick"):
+        fb.threshold(["PC"], [250], finger="paper")
+    with pytest.warns(FembridgeWarning, match="75"):
+        fb.threshold(["PC"], [250], preindent_um=0)
+
+
+def test_thresholds_come_back_from_their_files(tmp_path):
+    observed = published(THRESHOLDS).table.query("afferent == 'PC'")
+    made = fb.threshold(["PC"], [2, 40, 250], thresholds=observed, output=tmp_path / "first")
+    read = Thresholds.read(tmp_path / "first")
+    read.write(tmp_path / "second")
+    pd.testing.assert_frame_equal(read.table, made.table)
+    assert read.provenance == made.provenance
+    assert read.provenance["preindent_um"] == 75.0
+    for path in (tmp_path / "first").iterdir():
+        assert path.read_bytes() == (tmp_path / "second" / path.name).read_bytes(), path.name
+
+
+def test_thresholds_are_drawn_into_axes_of_the_caller():
+    from matplotlib.figure import Figure
+
+    panel = Figure().subplots()
+    assert fb.threshold(["RA"], [20, 40]).plot(ax=[panel]) is panel.figure
+    assert panel.lines
 
 
 def test_the_command_writes_a_table_and_a_picture(tmp_path, capsys):
     own = tmp_path / "own.csv"
     own.write_text("afferent,criterion,frequency_hz,amplitude_um\nPC,absolute,100,1\n")
-    words = ["threshold", "--afferent", "PC", "--hz", "40,250", "--thresholds", str(own)]
+    words = [
+        "threshold",
+        "--afferent",
+        "PC",
+        "--frequencies-hz",
+        "40,250",
+        "--thresholds",
+        str(own),
+    ]
 
     assert cli.main([*words, "-o", str(tmp_path / "out"), "--json"]) == 0
 
@@ -103,12 +148,13 @@ def test_files_are_written_also_where_nobody_reads_what_is_printed(tmp_path, cap
         raise BrokenPipeError
 
     monkeypatch.setattr("builtins.print", left)
-    words = ["threshold", "--afferent", "PC", "--hz", "20", "-o", str(tmp_path / "out")]
+    words = ["threshold", "--afferent", "PC", "--frequencies-hz", "20", "-o", str(tmp_path / "out")]
     with pytest.raises(BrokenPipeError):
         cli.main(words)
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "thresholds.csv",
         "thresholds.png",
+        "thresholds.toml",
     }
 
 
@@ -172,3 +218,16 @@ def test_each_stimulus_has_a_whole_number_of_spikes_of_each_class(depth_um, whol
 def test_a_depth_that_was_not_computed_is_said():
     with pytest.raises(UsageError, match=r"250.*0 or 500"):
         touchsim_rates(250)
+
+
+def test_the_repr_names_each_class_also_where_a_cell_has_no_threshold():
+    thresholds = fb.threshold(["RA", "PC"], [20, 250])
+    assert thresholds.table["least_sensitive_um"].isna().any()
+    assert [line.split(":")[0].strip() for line in repr(thresholds).splitlines()[1:]] == [
+        "RA",
+        "PC",
+    ]
+    table = thresholds.table.assign(amplitude_um=float("nan"))
+    unreached = repr(replace(thresholds, table=table)).splitlines()
+    assert len(unreached) == 3
+    assert "above" in unreached[1]

@@ -53,20 +53,20 @@ def test_times_that_are_no_even_grid_have_an_odd_row(times_ms, mean_ms, row):
 
 
 @pytest.mark.parametrize(
-    ("changed", "found"),
+    ("argument", "value", "found"),
     [
-        ({"stress_pa": [1.0]}, r"got \(1,\)"),
-        ({"stress_pa": 3.0}, r"got \(\)"),
-        ({"stress_pa": np.zeros((4, 2))}, r"got \(4, 2\)"),
-        ({"stress_pa": [0.0, 1.0, np.nan]}, "nan at sample 2"),
-        ({"stress_pa": [0.0, -np.inf, np.nan]}, "-inf at sample 1"),
-        *(({"dt_ms": step_ms}, "dt_ms must be > 0") for step_ms in (0.0, -0.5, np.nan, np.inf)),
-        *(({"start_ms": start_ms}, "starts at") for start_ms in (np.nan, np.inf)),
+        ("stress_pa", [1.0], (1,)),
+        ("stress_pa", 3.0, ()),
+        ("stress_pa", np.zeros((4, 2)), (4, 2)),
+        ("stress_pa", [0.0, -np.inf, np.nan], -np.inf),
+        *(("dt_ms", step_ms, step_ms) for step_ms in (0.0, -0.5, np.nan, np.inf)),
+        *(("start_ms", start_ms, start_ms) for start_ms in (np.nan, np.inf)),
     ],
 )
-def test_what_is_no_history_is_refused(changed, found):
-    with pytest.raises(TraceError, match=f"node 7: .*{found}"):
-        StressTrace(**{"stress_pa": [0.0, 1.0], "dt_ms": 0.5, "node": 7, **changed})
+def test_an_invalid_trace_is_refused(argument, value, found):
+    with pytest.raises(TraceError) as caught:
+        StressTrace(**{"stress_pa": [0.0, 1.0], "dt_ms": 0.5, "node": 7, argument: value})
+    assert (caught.value.argument, caught.value.found) == (argument, found)
 
 
 @given(
@@ -103,7 +103,7 @@ def test_resampling_passes_through_the_samples_and_says_edge_and_gap():
 @pytest.mark.parametrize(
     ("times_ms", "dt_ms", "named"),
     [
-        ([1.0], 0.5, "one sample"),
+        ([1.0], 0.5, "1 sample"),
         ([1.0, 3.0, 2.0], 0.5, "2 ms comes after 3 ms"),
         ([1.0, 1.0], 0.5, "1 ms comes after 1 ms"),
         ([1.0, 2.0], 2.0, "1 to 2 ms"),
@@ -128,19 +128,20 @@ WINDOWS_MS = [(-1, 100), (100, 100), (200, 100), (5, 250.5), (np.nan, 100), (5, 
 
 
 @pytest.mark.parametrize(
-    ("changed", "message"),
+    ("argument", "value", "found"),
     [
-        ({"displacement_um": [1.0]}, r"expected \(T,\), got \(1,\)"),
-        ({"displacement_um": np.zeros((501, 1))}, r"expected \(T,\), got \(501, 1\)"),
-        ({"displacement_um": [0.0, np.nan, np.inf]}, "sample 1 is nan"),
-        *(({"dt_ms": each}, "dt_ms must be > 0") for each in (0.0, -1.0, np.nan, np.inf)),
-        *(({"window_ms": each}, "is not inside 0 to 250 ms") for each in WINDOWS_MS),
-        *(({"preindent_um": each}, "preindent_um must be >= 0") for each in (-1, np.nan, np.inf)),
+        ("displacement_um", [1.0], (1,)),
+        ("displacement_um", np.zeros((501, 1)), (501, 1)),
+        ("displacement_um", [0.0, np.inf, np.nan], np.inf),
+        *(("dt_ms", step_ms, step_ms) for step_ms in (0.0, -1.0, np.nan, np.inf)),
+        *(("window_ms", window_ms, window_ms) for window_ms in WINDOWS_MS),
+        *(("preindent_um", depth_um, depth_um) for depth_um in (-1, np.nan, np.inf)),
     ],
 )
-def test_what_is_no_stimulus_is_refused(changed, message):
-    with pytest.raises(StimulusError, match=f"mine: .*{message}"):
-        make(**changed)
+def test_an_invalid_stimulus_is_refused(argument, value, found):
+    with pytest.raises(StimulusError) as caught:
+        make(**{argument: value})
+    assert (caught.value.argument, caught.value.found) == (argument, found)
 
 
 def test_a_window_may_end_on_a_last_sample_that_rounding_moved():

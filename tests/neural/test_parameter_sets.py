@@ -1,7 +1,6 @@
 """Parameters: Table 2 as it is printed, the shipped sets, and a user's own as TOML."""
 
 import math
-import re
 import tomllib
 from copy import deepcopy
 from dataclasses import asdict, fields, replace
@@ -90,8 +89,9 @@ def test_other_models_keep_the_defaults_of_their_class():
 
 
 def test_parameters_of_another_model_are_refused_by_their_class():
-    with pytest.raises(ParameterError, match="corpuscle"):
+    with pytest.raises(ParameterError) as caught:
         RisingRaParameters(tau_ms=1.0, step_pa=1.0, drive="corpuscle")
+    assert (caught.value.argument, caught.value.found) == ("drive", "corpuscle")
     assert CorpusclePcParameters(tau_ms=1.0, beta_mv_per_ms=1.0).drive == "corpuscle"
     with pytest.raises(TypeError, match="retraction"):
         TwoWayRaParameters(step_pa=1.0)
@@ -122,8 +122,9 @@ def test_a_set_keeps_what_its_base_has_and_the_file_leaves_out(file_of):
     assert own.preindent_um == fitted.preindent_um
     assert own.parameters["SA"] == replace(fitted.parameters["SA"], tau_ms=50.0)
     assert own.parameters["RA"] == fitted.parameters["RA"]
-    with pytest.raises(ParameterError, match="'mine'"):
+    with pytest.raises(ParameterError) as caught:
         parameter_set(file_of("base = 'mine'"))
+    assert (caught.value.key, caught.value.found) == ("base", "mine")
 
 
 WHOLE = tomli_w.dumps({**parameters_to_table(PUBLISHED), "RA": RISING_RA}).splitlines(keepends=True)
@@ -132,8 +133,9 @@ WHOLE = tomli_w.dumps({**parameters_to_table(PUBLISHED), "RA": RISING_RA}).split
 def test_a_set_that_was_cut_is_never_completed_from_another(file_of):
     for lines in (k for k in range(len(WHOLE)) if WHOLE[k] != "\n"):
         path = file_of("".join(WHOLE[:lines]))
-        with pytest.raises(ParameterError, match=r'own\.toml: .*base = "fitted"'):
+        with pytest.raises(ParameterError) as caught:
             parameter_set(path)
+        assert caught.value.path == path
 
 
 @pytest.mark.parametrize("path", [FITTED_FILE, PAD_FILE])
@@ -144,8 +146,10 @@ def test_a_fit_with_another_equation_is_refused(file_of, path):
         row = changed["fit"][afferent]
         assert row["equation"] == model_named(row["drive"], afferent).equation
         row["equation"] = "I' = σ"
-        with pytest.raises(ParameterError, match=rf"own\.toml: {afferent}: fitted with another eq"):
+        with pytest.raises(ParameterError) as caught:
             parameter_set(file_of(tomli_w.dumps(changed)))
+        assert caught.value.key == f"fit.{afferent}.equation"
+        assert caught.value.path.name == "own.toml"
         other = asdict(PUBLISHED[afferent])  # another model's numbers: not of that fit
         parameter_set(file_of(tomli_w.dumps({**changed, afferent: other})))
         del row["equation"]
@@ -207,61 +211,74 @@ def test_a_shipped_name_wins_over_a_file_of_that_name(here):
 
 
 @pytest.mark.parametrize(
-    ("text", "named"),
+    ("text", "key", "found"),
     [
-        ("[SA]\ntau = 3", "SA: .*'tau'.*tau_ms"),
-        ("preindent = 3", "'preindent'"),
-        ("[SA]\ntau_ms = '32'", "SA: .*tau_ms.*'32'"),
-        ("[SA]\ntau_ms = inf", "SA: .*tau_ms.*inf"),
-        ("[SA]\ntau_ms = 1" + "0" * 400, "SA: .*tau_ms"),
-        ("[RA]\na3_pa_per_ms = 0", "RA: .*a3_pa_per_ms.*0"),
-        ("[RA]\nrefractory_ms = -1", "RA: .*refractory_ms.*-1"),
-        ("[RA]\nspread = 11", "RA: .*spread.*11"),
-        ("[RA]\nrecovery_ms = 0.1", r"RA: .*recovery_ms 0\.1.*dt_ms 0\.5"),
-        ("[RA]\ncells = 1001", "RA: .*cells.*1001"),
-        ("[PC]\nthreshold_mv = -65", "PC: .*threshold_mv -65.*rest_mv -65"),
-        ("[PC]\ntau_ms = 0.4", r"PC: .*tau_ms 0\.4.*dt_ms 0\.5"),
-        ("[RA]\ndrive = 'rising'\ntau_ms = 3", "RA: .*step_pa"),
-        ("[RA]\ndrive = 'two_way'\nstep_pa = 3", "RA: .*retraction"),
-        ("[RA]\ndrive = 'risin'", "'risin'.*rising"),
-        ("preindent_um = -1", "preindent_um.*-1"),
-        ("[SA", ""),
-        ("[RA]\ntau_ms = 3\ntau_ms = 4", ""),
-        ("stimulus,afferent,rate_ips", ""),
+        ("[SA]\ntau = 3", "SA.tau", "tau"),
+        ("preindent = 3", "preindent", "preindent"),
+        ("[SA]\ntau_ms = '32'", "SA.tau_ms", "32"),
+        ("[SA]\ntau_ms = inf", "SA.tau_ms", math.inf),
+        ("[SA]\ntau_ms = 1" + "0" * 400, "SA.tau_ms", 10**400),
+        ("[RA]\na3_pa_per_ms = 0", "RA.a3_pa_per_ms", 0.0),
+        ("[RA]\nrefractory_ms = -1", "RA.refractory_ms", -1.0),
+        ("[RA]\nspread = 11", "RA.spread", 11.0),
+        ("[RA]\nrecovery_ms = 0.1", "RA.recovery_ms", 0.1),
+        ("[RA]\ncells = 1001", "RA.cells", 1001),
+        ("[PC]\nthreshold_mv = -65", "PC.threshold_mv", -65.0),
+        ("[PC]\ntau_ms = 0.4", "PC.tau_ms", 0.4),
+        ("[RA]\ndrive = 'rising'\ntau_ms = 3", "RA.step_pa", None),
+        ("[RA]\ndrive = 'two_way'\nstep_pa = 3", "RA.retraction", None),
+        ("[RA]\ndrive = 'risin'", "RA.drive", "risin"),
+        ("preindent_um = -1", "preindent_um", -1.0),
+        ("[SA", None, None),
+        ("[RA]\ntau_ms = 3\ntau_ms = 4", None, None),
+        ("stimulus,afferent,rate_ips", None, None),
     ],
 )
-def test_a_file_that_makes_no_parameters_is_refused_by_name(file_of, text, named):
-    with pytest.raises(ParameterError, match=r"own\.toml: .*" + named) as caught:
+def test_a_file_that_makes_no_parameters_is_refused_by_key(file_of, text, key, found):
+    with pytest.raises(ParameterError) as caught:
         parameter_set(file_of(f"base = 'published'\n{text}"))
+    assert (caught.value.key, caught.value.found) == (key, found)
+    assert caught.value.path.name == "own.toml"
     assert "\n" not in str(caught.value)
+
+
+def test_a_file_without_a_base_names_the_sections_that_it_lacks(file_of):
+    with pytest.raises(ParameterError) as caught:
+        parameter_set(file_of(tomli_w.dumps({"SA": asdict(PUBLISHED["SA"])})))
+    assert caught.value.key == "RA, PC"
 
 
 def test_what_is_no_set_and_no_file_is_named(here):
     (here / "sets").mkdir()
     (here / "own.toml").write_text('name = "own.toml"\n', encoding="utf-8")  # and nothing else
     for word in ("absent.toml", "sets", "sets/absent.toml", "own.toml"):
-        with pytest.raises(ParameterError, match=rf"^{re.escape(word)}: "):
+        with pytest.raises(ParameterError) as caught:
             parameter_set(word)
+        assert str(caught.value.path) == word
     for word in ("Published", "fitted ", "table2", "folder/absent"):
-        with pytest.raises(UsageError, match=f"'{word}'"):
+        with pytest.raises(UsageError) as caught:
             parameter_set(word)
+        assert (caught.value.argument, caught.value.found) == ("parameters", word)
 
 
 @pytest.mark.parametrize(
-    ("line", "found"),
+    ("line", "name", "bound"),
     [
-        ("tau_ms = 1e308", "tau_ms is 1e+308, expected > 0 and at most 1e+12"),
-        ("step_pa = 1e-320", "and at least 1e-12"),
-        ("threshold_mv = 1e200", "threshold_mv is 1e+200"),
+        ("tau_ms = 1e308", "tau_ms", "1e+12"),
+        ("step_pa = 1e-320", "step_pa", "1e-12"),
+        ("threshold_mv = 1e200", "threshold_mv", "1e+12"),
     ],
 )
-def test_a_parameter_whose_products_are_infinite_is_refused(file_of, line, found):
+def test_a_parameter_whose_products_are_infinite_is_refused(file_of, line, name, bound):
     path = file_of(f'base = "fitted"\n[RA]\n{line}\n')
-    with pytest.raises(ParameterError, match=re.escape(found)):
+    with pytest.raises(ParameterError) as caught:
         parameter_set(path)
+    assert caught.value.key == f"RA.{name}"
+    assert bound in caught.value.expected
 
 
 def test_a_name_and_a_depth_of_a_set_have_their_bounds(file_of):
     for head in ('name = ""', f'name = "{"x" * 300}"', "preindent_um = 1e308"):
-        with pytest.raises(ParameterError, match="expected"):
+        with pytest.raises(ParameterError) as caught:
             parameter_set(file_of(f'base = "fitted"\n{head}\n'))
+        assert caught.value.key == head.split()[0]

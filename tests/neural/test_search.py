@@ -257,18 +257,15 @@ def test_predictions_are_those_of_searches_done_apart():
         np.testing.assert_array_equal(found[inside], problem.rates_ips(without)[0, inside])
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"evaluations": 23}, "23 evaluations in populations of 24, expected 4"),
-        ({"population": 3}, "in populations of 3, expected 4 or more"),
-    ],
-)
-def test_a_search_that_cannot_be_is_refused(change, words):
-    with pytest.raises(ParameterError, match=words):
-        search_front(PROBLEM, **{**SMALL, **change})
-    with pytest.raises(ParameterError, match="only the group all, expected two or more"):
+@pytest.mark.parametrize(("argument", "value"), [("evaluations", 23), ("population", 3)])
+def test_a_search_that_cannot_be_is_refused(argument, value):
+    with pytest.raises(ParameterError) as caught:
+        search_front(PROBLEM, **{**SMALL, argument: value})
+    assert (caught.value.argument, caught.value.found) == (argument, value)
+    with pytest.raises(ParameterError) as caught:
         held_out_ips(grouped_problem(groups=("all",) * 5))
+    assert (caught.value.argument, caught.value.found) == ("groups", "all")
     problem = choice_problem([0.0] * 4)
-    with pytest.raises(ParameterError, match=r"rule .best., expected one of smallest_error, bal"):
+    with pytest.raises(ParameterError) as caught:
         choose(problem, front_of(problem, EVERY), "best")
+    assert (caught.value.argument, caught.value.found) == ("rule", "best")

@@ -15,8 +15,8 @@ from decks.keyword_deck import LONGEST_NUMBER, fixed, real
 from decks.mesh import Mesh
 from decks.presets import QUICK
 from decks.stimuli import resolve
-from decks.waveform import make_stimulus
-from fembridge.build import build_run_folder
+from decks.synthesis import make_stimulus
+from fembridge.solver.build import build_run_folder
 from fembridge.stimulus import Stimulus
 
 SOFT = ("stratum_corneum", "epidermis", "dermis", "subcutaneous_tissue")

@@ -8,13 +8,13 @@ from numpy.testing import assert_allclose
 
 from decks.presets import QUICK, model_of
 from decks.stimuli import resolve
-from decks.waveform import make_stimulus
-from fembridge.build import build_run_folder
+from decks.synthesis import make_stimulus
+from fembridge.io.run_folder import read_run_folder
 from fembridge.results import read
 from fembridge.results.printed import read_node_print
-from fembridge.run_folder import read_run_folder
+from fembridge.solver.build import build_run_folder
 from fembridge.solver.ccx import run_ccx
-from fembridge.solver.settings import SolverSettings
+from fembridge.solver.settings import Solver
 from fembridge.stimulus import Stimulus
 
 pytestmark = [pytest.mark.slow, pytest.mark.solver]
@@ -32,7 +32,7 @@ def solved(folder, wave, **changes):
     """The run, how it went, and its stress."""
     build_run_folder(folder, replace(model_of(QUICK), **changes), wave)
     run = read_run_folder(folder)
-    outcome = run_ccx(run, SolverSettings(threads=1))
+    outcome = run_ccx(run, Solver(threads=1))
     return run, outcome, np.array([one.stress_pa for one in read(folder)])
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from decks.analysis import Contact, Model
+from decks.contact_analysis import Contact, Model
 from decks.dialects import DeckOptions
 from decks.marc.grammar import read_options
 from decks.marc.write import marc_deck

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from decks.marc.contents import NODES, POSITION, describe_marc_deck, read_marc_deck
-from decks.marc.grammar import Section
+from decks.marc.grammar import FileSection
 from fembridge.errors import DeckError
 
 SAMPLES = Path(__file__).parents[3] / "fixtures" / "marc_samples"
@@ -211,7 +211,7 @@ def test_counts_that_do_not_agree_are_refused_with_the_line_of_their_option(line
 def everything_of(deck):
     return (
         *(deck.conditions(), deck.bodies(), deck.post(), deck.materials()),
-        *(deck.sets(), deck.load_cases(), deck.find("title", Section.MODEL)),
+        *(deck.sets(), deck.load_cases(), deck.find("title", FileSection.MODEL)),
     )
 
 

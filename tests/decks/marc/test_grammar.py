@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from decks.marc.contents import read_marc_deck
 from decks.marc.grammar import (
+    FileSection,
     Layout,
     Line,
-    Section,
     format_free,
     format_real,
     integers_line,
@@ -138,7 +138,7 @@ def test_a_condition_may_be_called_like_a_keyword(name):
     ]
     deck = read_marc_deck(with_model(*lines))
     assert deck.conditions()[-1].set_name == name
-    (_, mine) = deck.find("loadcase", Section.MODEL)
+    (_, mine) = deck.find("loadcase", FileSection.MODEL)
     assert [line.text for line in mine.data] == [f"{1:10d}", name]
 
 

@@ -8,17 +8,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from decks.analysis import Model
+from decks.contact_analysis import Model
 from decks.dialects import DeckOptions
 from decks.marc.contents import POST_EVERY, POST_KIND, POST_KINDS, read_marc_deck
 from decks.marc.write import marc_deck
 from decks.motion import Motion, motion_of
-from decks.own_model import Request
-from decks.own_model.marc import rebase_marc
+from decks.own_model import AfferentSite, Request
+from decks.own_model.marc_deck import rebase_marc
 from decks.presets import QUICK, mesh_of
 from decks.stimuli import resolve
+from decks.synthesis import make_stimulus
 from decks.unit_system import LENGTH_UNITS
-from decks.waveform import make_stimulus
 from fembridge.errors import DeckError
 
 MOTION = Motion(np.arange(4) * 5e-4, np.array([0.0, 0.125, -0.0625, 0.3]), 5e-4, 0)
@@ -193,8 +193,8 @@ def test_a_flat_mesh_of_six_coordinates_a_node_has_its_afferents_in_the_plane(ma
     lines = [line + f" {k}.0, 0.0, 0.0," * line.endswith(" 0.0,") for k, line in enumerate(lines)]
     data = deck.text(mesh=lines)
     assert read_marc_deck(data).coordinates.position.shape == (6, 6)
-    places = rebase_marc(data, MOTION, Request(afferents={"SA": 5})).place_mm
-    assert places == {"SA": (1.0, -1.0)}
+    sites = rebase_marc(data, MOTION, Request(afferents={"SA": 5})).sites
+    assert sites == {"SA": AfferentSite((1.0, -1.0))}
 
 
 def data_of(deck):
@@ -310,6 +310,14 @@ def test_other_ways_of_stepping_are_refused_with_their_line(marc_text):
     cases = list(deck.case())
     cases[-1:] = [*list(deck.case(stepping="auto step"))[-4:]]
     refused(deck.text(cases=cases), "`auto step`")
+
+
+def test_a_node_between_materials_is_refused(ours):
+    deck = read_marc_deck(ours[0])
+    first, second = deck.elements[:2]
+    between = sorted(set(first.node.ravel()) & set(second.node.ravel()))[0]
+    with pytest.raises(DeckError, match="stratum_corneum and epidermis"):
+        rebase_marc(ours[0], MOTION, Request(afferents={"SA": int(between)}))
 
 
 def test_a_node_without_coordinates_is_refused(marc_text):

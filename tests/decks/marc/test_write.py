@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.dialects import DIALECTS, PROBES, DeckOptions
 from decks.marc.contents import POSITION, read_marc_deck
-from decks.marc.grammar import Section
+from decks.marc.grammar import FileSection
 from decks.marc.write import WAVEFORM, marc_deck, mentat_procedure
 from fembridge.errors import DeckError
 
@@ -106,8 +106,10 @@ def test_options_have_as_many_fields_a_line_as_in_a_real_deck(built, sample):
 
 
 def test_a_neo_hookean_skin_is_refused(make_model):
-    with pytest.raises(DeckError, match="stratum_corneum is neo-hookean"):
+    with pytest.raises(DeckError, match="stratum_corneum") as refused:
         marc_deck(make_model(law="neo-hookean"))
+    error = refused.value
+    assert (error.argument, error.found, error.expected) == ("law", "neo-hookean", "linear")
 
 
 # ---- Contact
@@ -206,9 +208,9 @@ def test_every_line_is_in_one_option_and_the_mesh_has_its_numbers(built):
     first = {}
     for option in deck.options:
         first.setdefault(option.keyword, option.section)
-    assert first["sizing"] is first["end"] is Section.PARAMETER
-    assert first["connectivity"] is first["post"] is Section.MODEL
-    assert first["auto load"] is first["continue"] is Section.HISTORY
+    assert first["sizing"] is first["end"] is FileSection.PARAMETER
+    assert first["connectivity"] is first["post"] is FileSection.MODEL
+    assert first["auto load"] is first["continue"] is FileSection.HISTORY
     assert (deck.remarks, deck.version) == ((), 15)
     finger, other = deck.bodies()
     motion = (other.control, *other.drives[1])

@@ -191,7 +191,7 @@ def test_a_site_without_a_node_is_an_error():
         COARSE.node_at(AfferentSite("bone", 0.0, 5.0))
     rows = grid(4, 3)
     flat = Mesh(rows.node_mm, rows.quad, np.repeat([0, 1, 2], 4))
-    with pytest.raises(FingerError, match="no node lies inside epidermis: use more"):
+    with pytest.raises(FingerError, match="no node inside epidermis"):
         flat.node_at(AfferentSite("epidermis", 0.0, 0.0))
 
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from decks.analysis import Model
 from decks.calculix import calculix_deck
+from decks.contact_analysis import Model
 from decks.motion import Motion
 from decks.own_model import Request
-from decks.own_model.inp import rebase_inp
+from decks.own_model.inp_deck import rebase_inp
 from decks.presets import QUICK, mesh_of
 from fembridge.errors import DeckError
-from fembridge.machine import find_ccx
+from fembridge.host.machine import find_ccx
 from fembridge.results.readers import read_values
 from fembridge.stimulus import Stimulus
 
@@ -80,7 +80,7 @@ def test_our_own_deck_with_another_waveform_is_the_deck_of_that_but_for_its_sets
         "*ELEMENT OUTPUT, NSET=FEMBRIDGE_OUTPUT, FREQUENCY=1, DOUBLE",
     ]
     place = analysis.mesh.node_mm[[node - 1 for node in analysis.afferent.values()]]
-    assert_allclose(list(rebased.place_mm.values()), place, rtol=0, atol=1e-9)
+    assert_allclose([site.position_mm for site in rebased.sites.values()], place, rtol=0, atol=1e-9)
 
 
 # As somebody else writes it: metres, lower case, tabs, a step before the waveform's, one behind.
@@ -97,7 +97,7 @@ def test_the_probe_goes_where_the_waveform_says_on_either_clock(tmp_path, clock)
     deck = deck.replace("total time", clock)
     request = Request(afferents={"PUNCH": PUNCH, "UNDER": UNDER}, length_unit="m")
     rebased = rebase_inp(deck.encode("latin-1"), FOREIGN_MOTION, request)
-    assert_allclose(rebased.place_mm["UNDER"], (1.0, 1.0))
+    assert_allclose(rebased.sites["UNDER"].position_mm, (1.0, 1.0))
     assert rebased.deck.count(b"\n") == rebased.deck.count(b"\r\n")
     (tmp_path / "job.inp").write_bytes(rebased.deck)
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from decks.motion import Motion
-from decks.own_model import Request
-from decks.own_model.inp import rebase_inp, solver_of
+from decks.own_model import AfferentSite, Request
+from decks.own_model.inp_deck import rebase_inp, solver_of
 
 MOTION = Motion(np.arange(3) * 5e-4, np.array([0.0, 0.1, 0.2]), 5e-4, 0)
 MODEL = """\
@@ -93,10 +93,11 @@ def test_nodes_and_sets_in_included_files_count():
     model = (
         MODEL[:table] + "*INCLUDE, INPUT=nodes.inp\n*include, input = deeper.inp\n" + MODEL[table:]
     )
+    model = model.replace("2, 2, 5, 6, 3", "2, 2, 9, 6, 3")
     deck = f"{model}{HEAD}*END STEP\n".encode()
     request = Request(afferents={"PC": 9})
     rebased = rebase_inp(deck, MOTION, request, resolver=files.get)
-    assert rebased.place_mm == {"PC": (3.0, 4.0)}
+    assert rebased.sites == {"PC": AfferentSite((3.0, 4.0))}
     assert rebased.needs == ("nodes.inp", "deeper.inp", "sets.inp")
     assert b"NSET=AFFERENT_PC" not in rebased.deck
     assert b"*NSET, NSET=FEMBRIDGE_OUTPUT\n9,\n" in rebased.deck
@@ -201,7 +202,8 @@ def test_in_an_assembly_sets_name_their_instance_and_nodes_stand_where_it_puts_t
     deck = f"{PARTS}{HEAD}*End Step\n".encode()
     request = Request(afferents={"SA": 3, "RA": 4, "PC": 31})
     rebased = rebase_inp(deck, MOTION, request)
-    assert rebased.place_mm == {"SA": (1.5, -1.0), "RA": (0.5, -1.0), "PC": (7.0, 7.0)}
+    positions = {name: site.position_mm for name, site in rebased.sites.items()}
+    assert positions == {"SA": (1.5, -1.0), "RA": (0.5, -1.0), "PC": (7.0, 7.0)}
     names = "AFFERENT_SA, AFFERENT_RA, AFFERENT_PC, FEMBRIDGE_OUTPUT"
     assert any(remark.endswith(f"sets {names}") for remark in rebased.remarks)
     text = rebased.deck.decode()

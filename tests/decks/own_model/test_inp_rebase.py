@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from decks.motion import Motion
 from decks.own_model import Request
-from decks.own_model.inp import rebase_inp, solver_of
+from decks.own_model.inp_deck import rebase_inp, solver_of
 from fembridge.errors import DeckError
 
 DT_S = 0.0005
@@ -163,7 +163,9 @@ def test_only_waveform_increments_and_output_change_and_another_on_top_is_that_o
     rebased = rebase_inp(deck, motion, request)
     assert rebased.deck == expected
     places = {"SA": (1.5, -2.0), "RA": (3.25, -4.5), "PC": (1.5, -2.0)}
-    assert rebased.place_mm == {name: places[name] for name in request.afferents}
+    assert {name: site.position_mm for name, site in rebased.sites.items()} == {
+        name: places[name] for name in request.afferents
+    }
     if b"inc=3" not in deck:
         longer = Motion(np.arange(160) * DT_S, np.linspace(0, 0.1, 160), DT_S, 0)
         on_top = rebase_inp(rebased.deck, longer, request)

@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from decks.motion import Motion
-from decks.own_model import Request
-from decks.own_model.inp import rebase_inp
+from decks.own_model import AfferentSite, Request
+from decks.own_model.inp_deck import rebase_inp
 from decks.unit_system import LENGTH_UNITS, UNIT_SYSTEMS
 from fembridge.errors import DeckError, UsageError
 
@@ -303,7 +303,6 @@ def test_the_heading_says_in_which_unit_the_waveform_is(name):
     ("nodes", "unit", "said"),
     [
         ("1, 0., 0.\n2, 0.016, 0.02\n", None, "waveform moves 0.3 mm and the model is 0.02 mm"),
-        ("1, 0., 0.\n2, 16., 20.\n", "m", "the model is 20 m big: is its unit of length m"),
         ("1, 0., 0.\n2, 16., 20.\n", None, ""),
         ("1, 0., 0.\n2, 0.016, 0.02\n", "m", ""),
     ],
@@ -313,14 +312,7 @@ def test_a_model_of_no_likely_size_is_said(nodes, unit, said):
     assert any("unit of length" in one and said in one for one in remarks) == bool(said)
 
 
-def test_contact_that_is_path_dependent_in_ccx_is_said():
-    deck = "*CONTACT PAIR, TYPE=SURFACE TO SURFACE\nS, M\n" + RAMP
-    assert any(one.startswith("line 1: *CONTACT PAIR") for one in rebase(deck).remarks)
-    for other in (deck.replace("SURFACE TO", "NODE TO"), RAMP):
-        assert not any("path-dependent" in one for one in rebase(other).remarks)
-
-
 @pytest.mark.parametrize(("kind", "place"), [("C3D8", (1.0, 2.0, 3.0)), ("CPE4", (1.0, 2.0))])
 def test_a_node_of_a_solid_model_has_z(kind, place):
     deck = f"*NODE\n5, 1., 2., 3.\n*ELEMENT, TYPE={kind}\n1, 5\n" + RAMP
-    assert rebase(deck, afferents={"SA": 5}).place_mm == {"SA": place}
+    assert rebase(deck, afferents={"SA": 5}).sites == {"SA": AfferentSite(place)}

@@ -4,17 +4,22 @@ import csv
 import json
 from dataclasses import replace
 
-import numpy as np
 import pandas as pd
 import pytest
 
+import fembridge as fb
 from fembridge.cli import main
 from fembridge.errors import UsageError
-from fembridge.fitting import study
+from fembridge.fitting import model_study as study
+from fembridge.fitting.model_study import (
+    Case,
+    default_cases,
+    study_models,
+    summary_text,
+)
 from fembridge.fitting.problem import stored_source
-from fembridge.fitting.study import Case, default_cases, study_models, summary_text, write_cases
-from fembridge.observed import read_observed
-from fembridge.tables import Rate, write_rates
+from fembridge.io.observed_rates import read_observed
+from fembridge.io.spike_table import Rate, write_rates
 from neural.models import MODELS
 from neural.parameter_sets import parameter_set
 
@@ -53,14 +58,6 @@ def test_each_case_has_a_trial_a_seed_and_the_best_comes_first(made):
     assert set(made.unfitted) == {"RA"}
 
 
-def test_the_table_has_a_row_a_case_and_seed_to_three_decimals(made, tmp_path):
-    write_cases(tmp_path / "study.csv", made)
-    table = pd.read_csv(tmp_path / "study.csv")
-    assert table[["drive", "cells", "seed"]].equals(made.trials[["drive", "cells", "seed"]])
-    error_ips = made.trials["held_out_rmse_ips"]
-    np.testing.assert_allclose(table["held_out_rmse_ips"], error_ips, atol=0.0006)
-
-
 def test_the_summary_ends_with_the_paper_s_parameters_as_printed(made):
     lines = summary_text(made).splitlines()
     assert lines[0] == "### RA"
@@ -88,16 +85,36 @@ def test_two_processes_find_what_one_finds(table, made):
 
 
 @pytest.mark.parametrize(
-    ("cases", "words", "message"),
+    ("cases", "options", "argument"),
     [
-        ([], {}, "0 cases"),
-        ([Case("rising", "RA", 1, 0.0)], {"seeds": ()}, r"seeds \[\]"),
-        ([Case("rising", "RA", 1, 0.0)], {"jobs": 0}, "0 jobs"),
+        ([], {}, "cases"),
+        ([Case("rising", "RA", 1, 0.0)], {"seeds": ()}, "seeds"),
+        ([Case("rising", "RA", 1, 0.0)], {"jobs": 0}, "jobs"),
     ],
 )
-def test_what_is_no_study_is_refused(table, cases, words, message):
-    with pytest.raises(UsageError, match=message):
-        study_models(read_observed(table), stored_source("quick").response, cases, **words)
+def test_what_is_no_study_is_refused(table, cases, options, argument):
+    with pytest.raises(UsageError) as caught:
+        study_models(read_observed(table), stored_source("quick").response, cases, **options)
+    assert caught.value.argument == argument
+
+
+@pytest.mark.parametrize(("argument", "value"), [("cells", 3), ("preindent_um", 75)])
+def test_cells_and_depths_require_models(table, argument, value):
+    with pytest.raises(UsageError) as caught:
+        fb.study(table, **{argument: value})
+    assert caught.value.argument == argument
+
+
+def test_a_study_comes_back_from_its_files(table, tmp_path):
+    options = {"drive": "corpuscle", "seeds": [1], "evaluations": 200}
+    made = fb.study(pd.read_csv(table), **options, output=tmp_path / "first")
+    read = fb.ModelStudy.read(tmp_path / "first")
+    read.write(tmp_path / "second")
+    assert read.unfitted == made.unfitted
+    assert read.provenance == made.provenance
+    pd.testing.assert_frame_equal(read.trials, made.trials, rtol=1e-14)
+    for name in ("study.toml", "study.md"):
+        assert (tmp_path / "first" / name).read_bytes() == (tmp_path / "second" / name).read_bytes()
 
 
 def test_the_verb_writes_table_summary_and_picture(table, tmp_path, capsys):
@@ -112,6 +129,7 @@ def test_the_verb_writes_table_summary_and_picture(table, tmp_path, capsys):
         "study.csv",
         "study.md",
         "study.png",
+        "study.toml",
     ]
 
 

@@ -32,7 +32,7 @@ from fembridge.response.deflection import (
     stored_deflections,
     write_profile,
 )
-from fembridge.solver.settings import SolverSettings
+from fembridge.solver.settings import Solver
 
 MESHES = stored_deflections()
 STORED = {mesh.name: mesh for mesh in MESHES}
@@ -239,7 +239,7 @@ def test_without_options_all_stored_meshes_are_written_and_drawn(call, tmp_path)
 @pytest.mark.solver
 def test_the_coarsest_mesh_gives_again_what_is_stored(tmp_path):
     press = press_of(QUICK)
-    solved = solve_deflection(tmp_path, press, settings=SolverSettings(threads=1))
+    solved = solve_deflection(tmp_path, press, settings=Solver(threads=1))
     stored = stored_deflection("quick")
     assert solved.origin["deck_sha256"] == stored.origin["deck_sha256"]
     assert_allclose(solved.deflection_mm, stored.deflection_mm, rtol=0, atol=1e-4)
@@ -248,7 +248,7 @@ def test_the_coarsest_mesh_gives_again_what_is_stored(tmp_path):
     assert_allclose(written.deflection_mm, solved.deflection_mm, rtol=0, atol=0)
 
     before = (tmp_path / "job.frd").stat().st_mtime_ns
-    again = solve_deflection(tmp_path, press, settings=SolverSettings(threads=1))
+    again = solve_deflection(tmp_path, press, settings=Solver(threads=1))
     assert (tmp_path / "job.frd").stat().st_mtime_ns == before
     assert_allclose(again.deflection_mm, solved.deflection_mm, rtol=0, atol=0)
 
@@ -295,6 +295,23 @@ def test_on_the_mesh_as_it_is_stored_the_probe_slips_and_the_run_is_refused(tmp_
     press = press_of(QUICK, mesh_of(QUICK))
     write_profile(tmp_path / PROFILE_FILE, stored_deflection("quick"))  # of before
     with pytest.raises(ResponseError, match=r"0\.95 to 1\.01"):
-        solve_deflection(tmp_path, press, settings=SolverSettings(threads=1))
+        solve_deflection(tmp_path, press, settings=Solver(threads=1))
     assert (tmp_path / "solver.toml").is_file()
     assert not (tmp_path / PROFILE_FILE).exists()
+
+
+def test_deflections_come_back_from_their_files_and_draw_into_axes(tmp_path):
+    from matplotlib.figure import Figure
+
+    import fembridge as fb
+
+    made = fb.deflect(output=tmp_path / "first")
+    read = fb.Deflections.read(tmp_path / "first")
+    read.write(tmp_path / "second")
+    assert read.table.equals(made.table)
+    assert read.provenance == made.provenance
+    for path in (tmp_path / "first").iterdir():
+        assert path.read_bytes() == (tmp_path / "second" / path.name).read_bytes(), path.name
+    panels = Figure().subplots(1, 3)
+    assert made.plot(ax=panels) is panels[0].figure
+    assert len(panels[0].lines) > len(made.meshes)  # dots and the axis besides

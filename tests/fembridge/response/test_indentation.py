@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fembridge.errors import ResponseError, ResultError
+from fembridge.io.run_folder import read_run_folder, read_waveform
 from fembridge.response.indentation import (
     CLOSURE_PERCENT,
     DEEP_UM,
@@ -24,8 +25,7 @@ from fembridge.response.indentation import (
 )
 from fembridge.response.response_map import FOLDER, read_map, write_map
 from fembridge.results.readers import read_values
-from fembridge.run_folder import read_run_folder, read_waveform
-from fembridge.simulation import stimuli_in
+from fembridge.simulation.folder import stimuli_in
 from fembridge.trace import PA_PER_MPA
 
 DEPTH_UM = indentation().displacement_um

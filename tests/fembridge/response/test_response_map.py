@@ -18,9 +18,9 @@ from decks.finger import TABLE_1
 from decks.presets import PRESETS, QUICK, finger_from, model_of
 from decks.probe import Probe
 from decks.stimuli import resolve
-from decks.waveform import make_stimulus
-from fembridge.build import build_run_folder
+from decks.synthesis import make_stimulus
 from fembridge.errors import ResponseError
+from fembridge.io.run_folder import AfferentNode, read_run_folder, read_waveform
 from fembridge.response.indentation import solve_response
 from fembridge.response.response_map import (
     FOLDER,
@@ -31,8 +31,8 @@ from fembridge.response.response_map import (
     write_map,
 )
 from fembridge.results import read
-from fembridge.results.stress import energy_stress_pa
-from fembridge.run_folder import AfferentNode, read_run_folder, read_waveform
+from fembridge.results.von_mises import energy_stress_pa
+from fembridge.solver.build import build_run_folder
 from fembridge.solver.ccx import run_ccx
 from fembridge.stimulus import Stimulus
 from neural import PUBLISHED, encode

@@ -1,6 +1,7 @@
 """What is asked of an open file, in one call, for tests."""
 
 import csv
+import re
 from contextlib import contextmanager
 from pathlib import Path
 from xml.etree import ElementTree
@@ -13,6 +14,16 @@ from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import open_source
 
 PLAIN = ReadOptions()
+
+
+def naming(*shown):
+    """A pattern of the values, names or numbers `shown` in a message, in this order."""
+    return "(?s)" + ".*?".join(rf"(?<!\w){re.escape(str(value))}(?!\w)" for value in shown)
+
+
+def shows(text, *shown):
+    """Whether `text` has these values in this order."""
+    return re.search(naming(*shown), text) is not None
 
 
 def read_field(path, quantity, increment="last", options=PLAIN):
@@ -33,7 +44,7 @@ def choose_nodes(path, options=PLAIN, **choice):
 
 def near_nodes(path, places_mm):
     with open_source(path, PLAIN) as source:
-        return nodes.near_nodes(source, places_mm)
+        return nodes.find_nearest_nodes(source, places_mm)
 
 
 @contextmanager

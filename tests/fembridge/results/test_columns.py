@@ -9,12 +9,13 @@ import meshio
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from opened import naming, shows
 
 from fembridge import read, read_history, write_vtu_series
 from fembridge.cli import main
 from fembridge.errors import FembridgeError, ResultError, TableError, UsageError
-from fembridge.results.stress import von_mises_pa
-from fembridge.tables import read_traces
+from fembridge.io.trace_table import read_traces
+from fembridge.results.von_mises import von_mises_pa
 
 TIMES_S = np.arange(0.0, 0.01, 0.0005)
 STRESS_MPA = 0.01 * np.sin(2 * np.pi * 100 * TIMES_S) ** 2
@@ -45,7 +46,7 @@ def test_a_table_of_one_place_is_a_trace(file, head, separator, columns, factor)
     (again,) = read_traces(path, columns=names, gain_pa=factor)
     assert_allclose(again.stress_pa, trace.stress_pa, rtol=1e-12)
     path.write_text(path.read_text().rstrip("\n") + "x\n")
-    with pytest.raises(TableError, match="expected a number") as caught:
+    with pytest.raises(TableError) as caught:
         read_traces(path, columns=names, gain_pa=factor)
     assert caught.value.line == len(path.read_text().splitlines())
 
@@ -72,6 +73,7 @@ def test_nodes_afferents_and_a_tensor_in_any_order_of_rows(file):
     ("name", "pa"), [("S [GPa]", 1e9), ("S (N/m^2)", 1.0), ("S [N/mm²]", 1e6), ("S_vm", 1e6),
                      ("S (von-Mises)", 1e6)],
 )  # fmt: skip
+@pytest.mark.filterwarnings("ignore:.*above 1 GPa:fembridge.FembridgeWarning")
 def test_the_unit_in_a_name_is_taken(file, name, pa):
     path = file("them.csv", f"t_s,{name}\n0,1\n1,2\n")
     names = {"time": "t_s", "value": name}
@@ -84,17 +86,17 @@ def test_a_unit_that_is_none_of_stress_or_time_is_refused_with_the_way_out(file)
     path = file("them.csv", "t_s,t [min],S [furlong],force_n\n0,0,1,1\n1,1,2,2\n")
     for name in ("S [furlong]", "force_n"):
         names = {"time": "t_s", "value": name}
-        with pytest.raises(UsageError, match=r"expected Pa, .*--stress-unit"):
+        with pytest.raises(UsageError, match=naming("Pa", "--stress-unit")):
             read(path, columns=names)
         assert read(path, columns=names, stress_unit="kPa")[0].stress_pa.tolist() == [1e3, 2e3]
     names = {"value": "S [furlong]"}
-    with pytest.raises(UsageError, match=r"in 'min', expected s, ms or us: .*time_ms="):
+    with pytest.raises(UsageError, match=naming("'min'", "s, ms or us", "time_ms=t [min]")):
         read(path, columns={"time": "t [min]", **names}, stress_unit="Pa")
     for reader in (read_traces, lambda *a, **k: read(*a, stress_unit="Pa", **k)):
         how = {"gain_pa": 1.0} if reader is read_traces else {}
         (trace,) = reader(path, columns={"time_ms": "t [min]", **names}, **how)
         assert trace.dt_ms == 1.0
-    with pytest.raises(UsageError, match="in 'min', expected s, ms or us"):
+    with pytest.raises(UsageError, match=naming("'min'", "s, ms or us")):
         read_traces(path, columns={"time": "t [min]", **names}, gain_pa=1.0)
 
 
@@ -122,7 +124,7 @@ def test_a_packed_table_is_read_as_it_is_and_its_errors_name_it(file):
     (trace,) = read(path, columns={"time": "t_s", "value": "S_mpa"})
     assert_array_equal(trace.stress_pa, [1e6, 2e6])
     path.write_bytes(gzip.compress(b"t_s,S_mpa\n0,1\n1,x\n"))
-    with pytest.raises(ResultError, match=r"them\.csv\.gz:3: S_mpa is 'x', expected a number"):
+    with pytest.raises(ResultError, match=naming("them.csv.gz:3", "S_mpa", "'x'")):
         read(path, columns={"time": "t_s", "value": "S_mpa"})
 
 
@@ -176,35 +178,35 @@ def test_an_xdmf_series_is_read_with_its_own_order_of_tensors(here, array):
 
 
 @pytest.mark.parametrize(
-    ("text", "names", "words"),
+    ("text", "names", "shown"),
     [
-        ("t,S\n0,1\n1,2\n", None, r"--columns time=NAME,value=NAME; it holds t, S"),
-        ("t,S\n0,1\n1,2\n", {"time": "t", "value": "X"}, r"no column 'X' \(value\); it holds t, S"),
-        ("t,S\n0,1\n1,2\n", {"time": "t", "stress": "S"}, "column 'stress', expected one of"),
-        ("t,S\n0,1\n1,2\n", {"value": "S"}, "name one of time"),
-        ("t,S\n0,1\n1,2\n", {"time": "t", "xx": "S"}, "name value, or all of xx, yy"),
-        ("t,S\n0,1\n1,x\n", {"time": "t", "value": "S"}, "them.csv:3: S is 'x', expected a number"),
-        ("t,S\n0,1\n1,nan\n", {"time": "t", "value": "S"}, "them.csv:3: S is 'nan', expected a"),
+        ("t,S\n0,1\n1,2\n", None, ("columns", "t, S")),
+        ("t,S\n0,1\n1,2\n", {"time": "t", "value": "X"}, ("'X'", "value", "t, S")),
+        ("t,S\n0,1\n1,2\n", {"time": "t", "stress": "S"}, ("columns", "'stress'")),
+        ("t,S\n0,1\n1,2\n", {"value": "S"}, ("columns", "time_ms")),
+        ("t,S\n0,1\n1,2\n", {"time": "t", "xx": "S"}, ("columns", "value", "xx, yy")),
+        ("t,S\n0,1\n1,x\n", {"time": "t", "value": "S"}, ("them.csv:3", "S", "'x'")),
+        ("t,S\n0,1\n1,nan\n", {"time": "t", "value": "S"}, ("them.csv:3", "S", "'nan'")),
         ("t,S,n\n0,1,1\n1,2,1\n0,1,2\n", {"time": "t", "value": "S", "node": "n"},
-         "node 2 has few"),
+         (2,)),
         ("t,S,n\n0,1,1\n1,2,1\n0,1,2\n3,1,2\n", {"time": "t", "value": "S", "node": "n"},
-         "them.csv:5: node 2 has other times than 1"),
-        ("t,S\n0,1\n1,2,3\n", {"time": "t", "value": "S"}, "them.csv:3: 3 cells, expected 2"),
-        ("t,S\n0,1,2\n1,2,3\n", {"time": "t", "value": "S"}, "them.csv:2: 3 cells, expected 2"),
-        ("t,S\n", {"time": "t", "value": "S"}, "a header and no rows"),
+         ("them.csv:5", 2, 1)),
+        ("t,S\n0,1\n1,2,3\n", {"time": "t", "value": "S"}, ("them.csv:3", 3, 2)),
+        ("t,S\n0,1,2\n1,2,3\n", {"time": "t", "value": "S"}, ("them.csv:2", 3, 2)),
+        ("t,S\n", {"time": "t", "value": "S"}, ("them.csv",)),
     ],
 )  # fmt: skip
-def test_what_a_table_lacks_is_named(file, text, names, words):
+def test_what_a_table_lacks_is_named(file, text, names, shown):
     path = file("them.csv", text)
-    with pytest.raises(FembridgeError, match=words):
+    with pytest.raises(FembridgeError, match=naming(*shown)):
         read(path, [1], columns=names)
 
 
 def test_an_npz_that_unpacks_to_more_than_the_bound_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("fembridge.memory.SMALL_BYTES", 1 << 20)
+    monkeypatch.setattr("fembridge.host.memory.SMALL_BYTES", 1 << 20)
     path = tmp_path / "bomb.npz"
     np.savez_compressed(path, t=TIMES_S, S=np.zeros((TIMES_S.size, 1 << 14)))
-    with pytest.raises(ResultError, match=r"S, t unpacks to .* more than 100 times its"):
+    with pytest.raises(ResultError, match=naming("bomb.npz", "S, t", 100)):
         read(path, [1], columns={"time": "t", "value": "S"})
 
 
@@ -218,16 +220,16 @@ def test_an_npz_that_is_damaged_or_holds_no_real_numbers_is_refused(tmp_path):
             read(path, [1], columns={"time": "t", "value": "S"})
     with zipfile.ZipFile(path, "w") as out:
         out.writestr("S.npy", bytes(100))
-    with pytest.raises(ResultError, match="S is no array"):
+    with pytest.raises(ResultError, match=naming("them.npz", "S")):
         read(path, [1], columns={"time": "S", "value": "S"})
     np.savez(path, t=TIMES_S, S=STRESS_MPA * 1j)
-    with pytest.raises(ResultError, match="S is of type complex128, expected real numbers"):
+    with pytest.raises(ResultError, match=naming("them.npz", "S", "complex128")):
         read(path, [1], columns={"time": "t", "value": "S"})
     np.savez(path, t=np.where(TIMES_S > 0, TIMES_S, np.nan), S=STRESS_MPA)
-    with pytest.raises(ResultError, match="the time of sample 1 is nan, expected a finite"):
+    with pytest.raises(ResultError, match=naming("them.npz", 1, "nan")):
         read(path, [1], columns={"time": "t", "value": "S"})
     np.savez(path, t=TIMES_S, S=STRESS_MPA, nodes=[1.5])
-    with pytest.raises(ResultError, match=r"node 1\.5, expected whole numbers"):
+    with pytest.raises(ResultError, match=naming("them.npz", 1.5)):
         read(path, [1], columns={"time": "t", "value": "S", "node": "nodes"})
 
 
@@ -249,19 +251,17 @@ def test_a_vtu_of_vectors_and_one_that_lies_are_refused(tmp_path):
     points = np.zeros((30, 3))
     meshio.write(path, meshio.Mesh(points, [("vertex", np.arange(30)[:, None])], {"S": points}))
     names = {"time": "t", "value": "S"}
-    with pytest.raises(ResultError, match="3 components, expected 1, or 6 or 9"):
+    with pytest.raises(ResultError, match=naming("them.vtu", 3)):
         read(path, [1], columns=names)
     path.write_text(path.read_text().replace('NumberOfComponents="3"', 'NumberOfComponents="7"'))
-    with pytest.raises(
-        ResultError, match="no VTU that can be read: S unpacks to 720 bytes, expected 1680"
-    ):
+    with pytest.raises(ResultError, match=naming("them.vtu", "S", 720, 1680)):
         read(path, [1], columns=names)
 
 
 def test_a_pvd_does_not_leave_its_folder(samples, tmp_path):
     series = write_vtu_series(samples / "cpe4_ascii.frd", tmp_path / "a")
     series.write_text(series.read_text().replace('file="', 'file="../a/../../'))
-    with pytest.raises(ResultError, match="is not in its folder"):
+    with pytest.raises(ResultError, match=naming(series.name)):
         read(series, [1], columns={"time_ms": "t", "value": "von_mises_pa"})
 
 
@@ -269,8 +269,8 @@ def test_whole_fields_of_a_table_are_refused(tmp_path, capsys, file):
     path = file("them.csv", "t,S\n0,1\n1,2\n")
     for words in itertools.product(["--field", "--vtu"], [str(tmp_path / "x")]):
         assert main(["ingest", str(path), *words, "--columns", "time=t,value=S"]) == 2
-        assert "it gives histories at nodes, no whole fields" in capsys.readouterr().err
-    with pytest.raises(UsageError, match="has no mesh"):
+        assert shows(capsys.readouterr().err, "them.csv")
+    with pytest.raises(UsageError, match=naming("them.csv")):
         read(path, near_mm=[(0, 0)], columns={"time": "t", "value": "S"})
 
 
@@ -280,10 +280,10 @@ def test_the_command_lists_writes_and_what_it_wrote_is_encoded(here, file, capsy
     )
     file("them.csv", text)
     assert main(["ingest", "them.csv"]) == 0
-    assert "--columns time=NAME,value=NAME; it holds t, S, who, n" in capsys.readouterr().out
+    assert shows(capsys.readouterr().out, "--columns", "time=NAME,value=NAME", "t, S, who, n")
     names = "time=t,value=S,afferent=who,node=n"
     assert main(["ingest", "them.csv", "--columns", names, "-o", "traces.csv"]) == 0
     said = capsys.readouterr()
     assert "1 trace, 0 to 9.5 ms every 0.5 ms" in said.out
-    assert said.err.count("time taken as s; --columns time_ms=t takes it as ms") == 1
+    assert said.err.count("--columns time_ms=t") == 1
     assert main(["encode", "traces.csv", "--no-raster"]) == 0

@@ -7,11 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from opened import naming
 
 from fembridge.errors import UsageError
-from fembridge.results.extrapolation import ELEMENT_TYPES, node_places, node_weights, point_places
+from fembridge.results.extrapolation import (
+    ELEMENT_TYPES,
+    node_positions,
+    node_weights,
+    point_positions,
+)
 from fembridge.results.read_options import ReadOptions
-from fembridge.results.stress import von_mises_pa
+from fembridge.results.von_mises import von_mises_pa
 
 ROOT3 = math.sqrt(3)
 FULL = [n for n in ELEMENT_TYPES if ELEMENT_TYPES[n].points > 1]
@@ -29,7 +35,7 @@ def shape_functions(about, places):
     if about.family == "wedge":
         flat, z = places[:, :3], places[:, 3:]
         return np.hstack([flat * (1 - z) / 2, flat * (1 + z) / 2])
-    corners = node_places(about)[: 2 ** places.shape[1]]
+    corners = node_positions(about)[: 2 ** places.shape[1]]
     return np.prod((1 + corners[None] * places[:, None]) / 2, axis=2)
 
 
@@ -41,7 +47,7 @@ def shape_functions(about, places):
 def test_a_linear_field_in_a_parallelogram_comes_out_exactly(number, jitter, field):
     """Quadrilaterals and bricks sheared, the others distorted as they may be."""
     about = ELEMENT_TYPES[number]
-    to, here = node_places(about), point_places(about.family, about.points)
+    to, here = node_positions(about), point_positions(about.family, about.points)
     corners = shape_functions(about, to).shape[1]
     size = 2 if about.family in ("quad", "tri") else 3
     if about.family in ("tri", "tet"):
@@ -99,7 +105,7 @@ def test_linear_is_what_marc_prints_at_the_corners_of_a_brick(corner):
 @pytest.mark.parametrize("number", [11, 27, 54, 125, 7, 21, 57, 127, 136])
 def test_translate_takes_the_nearest_points_and_average_all(number):
     about = ELEMENT_TYPES[number]
-    here, to = point_places(about.family, about.points), node_places(about)
+    here, to = point_positions(about.family, about.points), node_positions(about)
     rng = np.random.default_rng(number)
     values = rng.normal(size=about.points)
     moved, mean = (weights_of(number, m) @ values for m in ("translate", "average"))
@@ -111,16 +117,16 @@ def test_translate_takes_the_nearest_points_and_average_all(number):
 
 
 @pytest.mark.parametrize(
-    ("asked", "found"),
+    ("asked", "shown"),
     [
-        ((999, 5, 2, "linear"), "999"),
-        ((27, 8, 4, "average"), "27 .*9.* 4"),
-        ((27, 4, 9, "average"), "27 .*4.* 8"),
+        ((999, 5, 2, "linear"), (999,)),
+        ((27, 8, 4, "average"), (27, 9, 4)),
+        ((27, 4, 9, "average"), (27, 4, 8)),
     ],
 )
-def test_what_is_not_known_is_refused_and_average_is_left(asked, found):
-    with pytest.raises(ValueError, match=found):
+def test_what_is_not_known_is_refused_and_average_is_left(asked, shown):
+    with pytest.raises(ValueError, match=naming(*shown)):
         node_weights(*asked)
     assert node_weights(999, 3, 2, "average").tolist() == [[0.5, 0.5]] * 3
-    with pytest.raises(UsageError, match="'cubic', expected linear"):
+    with pytest.raises(UsageError, match=naming("extrapolate", "'cubic'", "linear")):
         ReadOptions(extrapolate="cubic")

@@ -13,36 +13,36 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
-from opened import near_nodes
+from opened import naming, near_nodes, shows
 
 from fembridge.cli import main
 from fembridge.errors import ResultError, UsageError
+from fembridge.host.store import sha256_of
+from fembridge.io.run_folder import AfferentNode, RunFolder, read_run_folder
 from fembridge.results import READERS, Reader, describe, open_result, read, read_history
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.read_options import ReadOptions
-from fembridge.results.readers import read_values, reader_of
-from fembridge.run_folder import AfferentNode, RunFolder, read_run_folder
-from fembridge.store import sha256_of
+from fembridge.results.readers import find_reader, read_values
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "words"),
+    ("name", "content", "shown"),
     [
-        ("job.frd", b"", "empty: 0 bytes"),
-        ("job.frd", b"\x1f\x8b\x08\x00abc", "gzip"),
-        ("job.frd", b"\x89HDF\r\n\x1a\n", "HDF5"),
-        ("job.frd", b"*NODE, NSET=N\n1,0,0,0\n", "a solver deck, no results"),
-        ("job.frd", b"\x00\x01", r"begins with b'\\x00\\x01'.*\.frd begins with b'  "),
-        ("job.frd", b"   ", "no result file we read"),
-        ("job.txt", b"    1C\n", r"begins like ccx-frd .* rename it to \.frd"),
-        ("job", b"    1C\n", "named nothing: rename it"),
-        ("job.dat", b"\n", "prints of a solver, no nodal results: fembridge ingest"),
+        ("job.frd", b"", (0,)),
+        ("job.frd", b"\x1f\x8b\x08\x00abc", ("gzip", ".frd.gz")),
+        ("job.frd", b"\x89HDF\r\n\x1a\n", ("HDF5", ".t16", ".t19")),
+        ("job.frd", b"*NODE, NSET=N\n1,0,0,0\n", ("b'*NODE, NSET='",)),
+        ("job.frd", b"\x00\x01", (repr(b"\x00\x01"), ".frd")),
+        ("job.frd", b"   ", (repr(b"   "), ".frd")),
+        ("job.txt", b"    1C\n", ("ccx-frd", ".txt", ".frd")),
+        ("job", b"    1C\n", ("ccx-frd", ".frd")),
+        ("job.dat", b"\n", ("fembridge ingest", "--point")),
     ],
 )
-def test_a_foreign_file_is_recognised_by_its_first_bytes(tmp_path, name, content, words):
+def test_a_foreign_file_is_recognised_by_its_first_bytes(tmp_path, name, content, shown):
     path = tmp_path / name
     path.write_bytes(content)
-    with pytest.raises(ResultError, match=words):
+    with pytest.raises(ResultError, match=naming(name, *shown)):
         read(path, [1])
 
 
@@ -62,7 +62,7 @@ def test_what_is_no_result_file_and_a_choice_of_no_nodes_are_refused(samples, tm
 def test_a_result_that_was_closed_says_so(samples):
     with open_result(samples / "cpe4_ascii.frd") as result:
         assert result.source.describe()
-    with pytest.raises(ResultError, match="closed"):
+    with pytest.raises(ResultError, match=naming("cpe4_ascii.frd")):
         result.history([11])
 
 
@@ -86,26 +86,26 @@ def test_another_package_adds_a_reader_under_the_entry_point(file, monkeypatch, 
     plug(monkeypatch, "fembridge.results:THEIRS")
     path = file("run.zzz", b"ZZZ\n")
     with ByteFile(path) as file:
-        assert reader_of(file) is theirs
+        assert find_reader(file) is theirs
     with pytest.raises(ResultError):
         read(path, [1])
 
 
 @pytest.mark.parametrize(
-    ("value", "words"),
+    ("value", "shown"),
     [
-        ("no_such_module_here:row", "cannot be loaded: ModuleNotFoundError"),
-        ("fembridge.results:read", "is a function, expected a fembridge.results.Rea"),
+        ("no_such_module_here:row", ("ModuleNotFoundError",)),
+        ("fembridge.results:read", ("function", "fembridge.results.Reader")),
     ],
 )
 def test_a_broken_plugin_is_named_and_spares_our_own_formats(
-    file, monkeypatch, samples, value, words
+    file, monkeypatch, samples, value, shown
 ):
     plug(monkeypatch, value)
     with ByteFile(samples / "cpe4_ascii.frd") as ours:
-        assert reader_of(ours) is READERS[0]
+        assert find_reader(ours) is READERS[0]
     path = file("run.zzz", b"ZZZ\n")
-    with pytest.raises(ResultError, match=words):
+    with pytest.raises(ResultError, match=naming("run.zzz", value, *shown)):
         describe(path)
 
 
@@ -164,24 +164,25 @@ def test_two_afferents_may_share_a_node(make_run):
 
 
 @pytest.mark.parametrize(
-    ("start_ms", "words"),
-    [(0.75, "at 0.75 ms"), (3.0, "at 3 ms of solver time, the file holds 0.5 to 3 ms")],
+    ("start_ms", "shown"),
+    [(0.75, "0.75 ms"), (3.0, "3 ms")],
 )
 def test_a_stimulus_that_begins_between_increments_or_after_them_is_refused(
-    make_run, start_ms, words
+    make_run, start_ms, shown
 ):
-    with pytest.raises(ResultError, match=f"stimulus begins {words}"):
+    with pytest.raises(ResultError, match=naming("job.frd", shown, "0.5 to 3 ms")):
         read(make_run(start_ms=start_ms))
 
 
-def test_results_that_stop_short_of_the_deck_are_refused_or_told(make_run):
+def test_results_that_stop_short_of_the_deck_are_refused_or_told(make_run, logged):
     folder = make_run(increments=4, planned=6)
-    with pytest.raises(ResultError, match="results end at 2 ms, the deck runs to 3 ms"):
+    with pytest.raises(ResultError, match=naming("job.frd", "2 ms", "3 ms")):
         read(folder)
-    logged = []
-    _, ra = read(folder, partial=True, log=logged.append)
+    logged = logged
+    _, ra = read(folder, partial=True)
     assert ra.stress_pa.size == 5
-    assert logged == ["results end at 2 ms, the deck runs to 3 ms"]
+    assert len(logged) == 1
+    assert shows(logged[0], "2 ms", "3 ms")
 
 
 RECORDED = Path(__file__).parents[3] / "fixtures" / "transient_sine"
@@ -198,6 +199,7 @@ def folder(tmp_path):
 
 
 @pytest.mark.parametrize("resample_ms", [0.7, 0.25, 60.0])
+@pytest.mark.filterwarnings("ignore:.*filter it first:fembridge.FembridgeWarning")
 def test_a_whole_run_is_whole_whatever_the_step_that_it_is_resampled_with(folder, resample_ms):
     plain, (sa, *_) = read(folder), read(folder, resample_ms=resample_ms)
     assert (sa.start_ms, sa.stress_pa[0]) == (0.0, plain[0].stress_pa[0])
@@ -288,14 +290,14 @@ def test_a_packed_file_is_read_as_what_is_in_it(samples, file, name):
     (packed,), (plain,) = read(path, [25]), read(samples / name, [25])
     assert packed.stress_pa.tolist() == plain.stress_pa.tolist()
     path.write_bytes(path.read_bytes()[:-20])
-    with pytest.raises(ResultError, match="cannot be unpacked: Compressed file ended"):
+    with pytest.raises(ResultError, match=naming(f"{name}.gz")):
         read(path, [25])
 
 
 def test_a_bomb_is_unpacked_up_to_a_bound(file, monkeypatch):
     monkeypatch.setattr("fembridge.results.byte_file.SMALL_BYTES", 1 << 16)
     path = file("job.frd.gz", gzip.compress(bytes(1 << 24)))
-    with pytest.raises(ResultError, match="unpacks to more than 100 times its 16"):
+    with pytest.raises(ResultError, match=naming("job.frd.gz", 100)):
         read(path, [25])
 
 
@@ -306,7 +308,7 @@ def test_a_nearer_node_without_results_is_named(samples):
     path = samples / "cpe8r_nset_bin_f32.frd"
     [(node, words)] = near_nodes(path, [(0.0, 0.0, 0.0)])
     assert node == 27
-    assert words.endswith("(node 1 is nearer and has no results)")
+    assert shows(words, "node 27", "node 1")
 
 
 def test_a_place_is_as_deep_as_the_mesh(block, write_frd, samples):
@@ -317,7 +319,7 @@ def test_a_place_is_as_deep_as_the_mesh(block, write_frd, samples):
     content = path.read_bytes()
     old, new = struct.pack("<i3d", 2, 2, 0, 0), struct.pack("<i3d", 2, 2, 0, 1.5)
     path.write_bytes(content.replace(old, new))
-    with pytest.raises(UsageError, match=r"z from 0 to 1\.5: name a place as x,y,z"):
+    with pytest.raises(UsageError, match=naming("near_mm", "0 to 1.5", "x,y,z")):
         near_nodes(path, [(1, 0)])
     assert near_nodes(path, [(1, 0, 0)])[0][0] == 1
 

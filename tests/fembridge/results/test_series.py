@@ -15,12 +15,13 @@ import meshio
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from opened import naming
 
 from fembridge import read
 from fembridge.errors import FembridgeError, FembridgeWarning, ResultError
-from fembridge.npz import NpzFile
+from fembridge.io.npz import NpzFile
 from fembridge.results.series import numbers_in
-from fembridge.results.stress import von_mises_pa
+from fembridge.results.von_mises import von_mises_pa
 from fembridge.results.vtk_xml import VtuFile
 from fembridge.results.xml_tree import MAX_DEPTH
 
@@ -173,7 +174,7 @@ def test_an_xdmf_does_not_leave_its_folder(tmp_path, monkeypatch, name):
     (path.parent / "job.h5").rename(tmp_path / "out.h5")
     (path.parent / "link.h5").symlink_to(tmp_path / "out.h5")
     path.write_text(path.read_text().replace("job.h5", name.format(folder=tmp_path)))
-    with pytest.raises(ResultError, match=r"(out|link)\.h5 is not in its folder"):
+    with pytest.raises(ResultError, match=r"job\.xdmf: (out|link)\.h5 "):
         read(path, [11], columns=COLUMNS)
 
 
@@ -190,7 +191,7 @@ def test_raw_data_outside_the_folder_is_refused_before_it_is_opened(tmp_path, mo
     text = path.read_text()
     for name in ("/dev/zero", "../x.bin", "/etc/passwd", ""):
         path.write_text(text.replace("job2.bin", name))
-        with pytest.raises(ResultError, match="in its folder"):
+        with pytest.raises(ResultError, match=r"job\.xdmf: "):
             read(path, [11], columns=COLUMNS)
 
 
@@ -215,7 +216,7 @@ def test_hdf5_that_leads_to_another_file_is_refused(tmp_path, monkeypatch, way):
             layout = h5py.VirtualLayout((5,), "f8")
             layout[:] = h5py.VirtualSource(tmp_path / "out.h5", "S", (5,))
             file.create_virtual_dataset(name, layout)
-    with pytest.raises(ResultError, match="another file"):
+    with pytest.raises(ResultError, match=naming("job.xdmf", "data2")):
         read(path, [11], columns=COLUMNS)
 
 
@@ -228,7 +229,7 @@ def test_a_soft_link_inside_an_hdf5_is_followed_and_a_loop_is_refused(tmp_path, 
     with h5py.File(path.parent / "job.h5", "r+") as file:
         del file["data2"]
         file["data2"] = h5py.SoftLink("/data2")
-    with pytest.raises(ResultError, match="lead to each other"):
+    with pytest.raises(ResultError, match=naming("job.xdmf", "data2")):
         read(path, [11], columns=COLUMNS)
 
 
@@ -237,7 +238,7 @@ def test_an_xdmf_that_includes_another_file_is_refused(tmp_path, monkeypatch):
     path.write_text(
         path.read_text().replace("include xpointer", 'include href="../o.xml" xpointer')
     )
-    with pytest.raises(ResultError, match=r"includes '\.\./o\.xml'"):
+    with pytest.raises(ResultError, match=naming("job.xdmf", "'../o.xml'")):
         read(path, [11], columns=COLUMNS)
 
 
@@ -268,7 +269,7 @@ def test_a_pvd_may_list_legacy_vtk_files(tmp_path, binary):
         (b"POINT_DATA 5", b"POINT_DATA 99999999"),
     ):
         file.write_bytes(whole.replace(old, new))
-        with pytest.raises(ResultError, match="counts more numbers than the file has bytes"):
+        with pytest.raises(ResultError, match=naming("job2.vtk", old.split()[0].decode())):
             read(path, [12], columns=COLUMNS)
     source = random.Random(3)
     for _ in range(30):
@@ -287,17 +288,17 @@ def test_entities_and_deep_xml_are_refused(tmp_path, monkeypatch):
     path.write_text(doctype + text)
     assert len(read(path, [11], columns=COLUMNS)) == 1
     path.write_text(doctype.replace("[]", '[<!ENTITY a "1"><!ENTITY b "&a;&a;">]') + text)
-    with pytest.raises(ResultError, match="XML entity 'a'"):
+    with pytest.raises(ResultError, match=naming("job.xdmf:1", "'a'")):
         read(path, [11], columns=COLUMNS)
     path.write_text(doctype + text.replace("job.h5:/data2", "&outside;"))
-    with pytest.raises(ResultError, match="XML entity 'outside'"):
+    with pytest.raises(ResultError, match=naming("'outside'")):
         read(path, [11], columns=COLUMNS)
     path.write_text("<Xdmf>" + "<a>" * MAX_DEPTH)
-    with pytest.raises(ResultError, match="deep"):
+    with pytest.raises(ResultError, match=naming("job.xdmf:1", MAX_DEPTH)):
         read(path, [11], columns=COLUMNS)
     monkeypatch.setattr("fembridge.results.xml_tree.MAX_ELEMENTS", 3)
     path.write_text(text)
-    with pytest.raises(ResultError, match="more than 3 XML elements"):
+    with pytest.raises(ResultError, match=naming(3)):
         read(path, [11], columns=COLUMNS)
 
 
@@ -308,7 +309,7 @@ def test_hdf5_that_is_a_shape_alone_takes_no_memory(tmp_path, monkeypatch):
             shape = (1 << 30, 3) if name == "data0" else (1 << 30,)
             del file[name]
             file.create_dataset(name, shape, "f8", chunks=(1 << 20, 3)[: len(shape)], compression=9)
-    with pytest.raises(ResultError, match=r"unpacks to .* GB, more than 100 times its"):
+    with pytest.raises(ResultError, match=naming("GB", 100)):
         read(path, [11], columns=COLUMNS)
 
 
@@ -319,7 +320,7 @@ def test_a_chunk_that_unpacks_to_more_than_its_size_is_refused(tmp_path, monkeyp
         del file["data2"]
         dataset = file.create_dataset("data2", (5,), "f8", chunks=(5,), compression=9)
         dataset.id.write_direct_chunk((0,), zlib.compress(bytes(1 << 20), 9))
-    with pytest.raises(ResultError, match="a chunk of S unpacks to more than"):
+    with pytest.raises(ResultError, match=naming("S", "bytes")):
         read(path, [11], columns=COLUMNS)
     with h5py.File(path.parent / "job.h5", "r+") as file:
         file["data2"][:] = STRESS_MPA[0]
@@ -335,19 +336,19 @@ def test_a_vtu_unpacks_to_no_more_than_its_count_of_points(tmp_path, style, monk
     meshio.vtu.write(path, mesh, **STYLES[style])
     text = path.read_text()
     path.write_text(text.replace('NumberOfPoints="4096"', 'NumberOfPoints="1073741824"'))
-    with pytest.raises(ResultError, match=r"unpacks to .* more than 100 times its"):
+    with pytest.raises(ResultError, match=naming("job.vtu", 100)):
         read(path, [1], columns={"time": "t", "value": "S"})
     path.write_text(text)
-    monkeypatch.setattr("fembridge.memory.SMALL_BYTES", 1 << 10)
-    monkeypatch.setattr("fembridge.memory.MAX_RATIO", 2)
-    with pytest.raises(ResultError, match=r"unpacks to .* more than 2 times its"):
+    monkeypatch.setattr("fembridge.host.memory.SMALL_BYTES", 1 << 10)
+    monkeypatch.setattr("fembridge.host.memory.MAX_RATIO", 2)
+    with pytest.raises(ResultError, match=naming("job.vtu", 2)):
         read(path, [1], columns={"time": "t", "value": "S"})
 
 
 def test_a_series_beyond_the_limit_of_memory_is_refused_by_name(tmp_path, monkeypatch):
     path = write_pvd(tmp_path / "p", "plain")
     monkeypatch.setenv("FEMBRIDGE_MEMORY", "300")
-    with pytest.raises(ResultError, match=r"the series takes .* FEMBRIDGE_MEMORY=8G"):
+    with pytest.raises(ResultError, match=naming("job.pvd", "FEMBRIDGE_MEMORY=8G")):
         read(path, [11], columns=COLUMNS)
 
 
@@ -363,7 +364,7 @@ def test_one_file_in_many_outputs_is_read_once_and_doubted(tmp_path, monkeypatch
         return original(file, name)
 
     monkeypatch.setattr(VtuFile, "read", counted)
-    with pytest.warns(FembridgeWarning, match="outputs at 0 and 1 are the same data"):
+    with pytest.warns(FembridgeWarning, match=naming("a.pvd", 0, 1)):
         (trace,) = read(path.rename(path.with_name("a.pvd")), [11], columns=COLUMNS)
     assert trace.stress_pa.size == 300
     assert opened.count("S") == 1
@@ -401,7 +402,7 @@ def test_a_time_that_is_too_large_in_ms_is_refused(tmp_path, monkeypatch, suffix
             path.write_text("t,S\n0,1\n1e308,2\n")
         else:
             np.savez(path, t=[0.0, 1e308], S=[1.0, 2.0])
-    with pytest.raises(ResultError, match=r"time of sample . is 1e\+308, expected a finite time"):
+    with pytest.raises(ResultError, match=naming(path.name, "1e+308")):
         read(path, [1 if columns is not COLUMNS else 11], columns=columns)
 
 
@@ -428,21 +429,21 @@ def test_a_pvd_that_lost_an_entry_or_a_time_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "problem"),
+    ("change", "shown"),
     [
-        (('Name="node"', 'Name="S"'), "two arrays S"),
-        (('NumberOfPoints="5"', 'NumberOfPoints="4"'), "expected 32"),
-        (('type="Float64" Name="S"', 'type="Float32" Name="S"'), "expected 20"),
-        (("vtkZLib", "vtkLZ4"), "compressed by vtkLZ4DataCompressor"),
-        (('type="UnstructuredGrid"', 'type="PolyData"'), "of PolyData"),
-        (("LittleEndian", "BigEndian"), "node has 16777216 blocks"),
-        (("Piece", "Piecf"), "unknown element Piecf"),
+        (('Name="node"', 'Name="S"'), ("S",)),
+        (('NumberOfPoints="5"', 'NumberOfPoints="4"'), (32,)),
+        (('type="Float64" Name="S"', 'type="Float32" Name="S"'), (20,)),
+        (("vtkZLib", "vtkLZ4"), ("vtkLZ4DataCompressor",)),
+        (('type="UnstructuredGrid"', 'type="PolyData"'), ("PolyData",)),
+        (("LittleEndian", "BigEndian"), ("node", 16777216)),
+        (("Piece", "Piecf"), ("Piecf",)),
     ],
 )
-def test_a_vtu_whose_header_disagrees_with_its_data_is_refused(tmp_path, change, problem):
+def test_a_vtu_whose_header_disagrees_with_its_data_is_refused(tmp_path, change, shown):
     path = write_vtu(tmp_path / "job.vtu", style="zlib")
     path.write_text(path.read_text().replace(*change))
-    with pytest.raises(ResultError, match=problem):
+    with pytest.raises(ResultError, match=naming("job.vtu", *shown)):
         read(path, [11], columns=COLUMNS)
 
 
@@ -451,7 +452,7 @@ def test_an_offset_that_leads_into_another_array_is_refused(tmp_path):
     content = path.read_bytes()
     stress_at, node_at = 8 + POINTS.nbytes, 16 + POINTS.nbytes + STRESS_MPA[0].nbytes
     path.write_bytes(content.replace(b'"%d"' % stress_at, b'"%d"' % node_at, 1))
-    with pytest.raises(ResultError, match=r"the bytes of \w+ are of another array, too"):
+    with pytest.raises(ResultError, match=naming("job.vtu", "node")):
         read(path, [11], columns=COLUMNS)
 
 
@@ -459,52 +460,52 @@ def test_a_dataset_of_two_names_or_of_another_type_is_doubted_or_refused(tmp_pat
     path = write_xdmf(tmp_path / "x", "HDF", monkeypatch)
     text = path.read_text()
     path.write_text(text.replace("data4<", "data5<", 1))
-    with pytest.raises(ResultError, match="S is of type int64, not Float"):
+    with pytest.raises(ResultError, match=naming("S", "int64", "Float")):
         read(path, [11], columns=COLUMNS)
     path.write_text(text.replace("data4<", "data2<", 1))
-    with pytest.warns(FembridgeWarning, match="the same data"):
+    with pytest.warns(FembridgeWarning, match=naming("job.xdmf")):
         read(path, [11], columns=COLUMNS)
 
 
 def test_a_negative_von_mises_stress_is_doubted(tmp_path):
     np.savez(tmp_path / "a.npz", t=TIMES_S, S=-STRESS_MPA)
-    with pytest.warns(FembridgeWarning, match="which is never negative"):
+    with pytest.warns(FembridgeWarning, match=naming("a.npz", "Pa")):
         read(tmp_path / "a.npz", [1], columns={"time": "t", "value": "S"})
 
 
 def test_node_numbers_are_whole_not_negative_and_each_is_once(tmp_path):
     columns = {"time": "t", "value": "S", "node": "n"}
-    for numbers, problem in (
-        ([1, 2, 3, 4, 1], "node 1 is in it 2 times"),
-        ([1, 2, 3, 4, -1], "node -1, expected 0 or more"),
-        ([1, 2, 3, 4, 1e300], r"node 1e\+300, expected whole numbers"),
-        ([1, 2, 3, 4, np.nan], "node nan, expected whole numbers"),
-        ([1, 2, 3, 4], r"\(4,\) nodes for values"),
+    for numbers, shown in (
+        ([1, 2, 3, 4, 1], (1, 2)),
+        ([1, 2, 3, 4, -1], (-1,)),
+        ([1, 2, 3, 4, 1e300], ("1e+300",)),
+        ([1, 2, 3, 4, np.nan], ("nan",)),
+        ([1, 2, 3, 4], ("(4,)", "(4, 5, 1)")),
     ):
         np.savez(tmp_path / "a.npz", t=TIMES_S, S=STRESS_MPA, n=numbers)
-        with pytest.raises(ResultError, match=problem):
+        with pytest.raises(ResultError, match=naming("a.npz", *shown)):
             read(tmp_path / "a.npz", [1], columns=columns)
 
 
 @pytest.mark.parametrize(
-    ("arrays", "problem"),
+    ("arrays", "shown"),
     [
-        ({"S": STRESS_MPA.T}, r"S of shape \(5, 4\) for 4 times"),
-        ({"t": TIMES_S.reshape(2, 2)}, r"t of shape \(2, 2\), expected \(T,\)"),
-        ({"S": STRESS_MPA.astype(object)}, "S is of type object"),
-        ({"S": STRESS_MPA.astype(str)}, "S is of type <U"),
-        ({"S": np.where(STRESS_MPA > 0.5, STRESS_MPA, np.inf)}, "is no number"),
-        ({"t": TIMES_S[:0], "S": STRESS_MPA[:0]}, "no time in it"),
-        ({"who": ["SA"]}, "1 afferents for 5 nodes"),
-        ({"who": ["SA", "RA", "PC", "SA", "XX"]}, "afferent 'XX', expected SA, RA, PC"),
-        ({"who": np.float64(3)}, r"who is of type float64 and shape \(\), expected texts"),
+        ({"S": STRESS_MPA.T}, ("S", "(5, 4)", 4)),
+        ({"t": TIMES_S.reshape(2, 2)}, ("t", "(2, 2)", "(T,)")),
+        ({"S": STRESS_MPA.astype(object)}, ("S", "object")),
+        ({"S": STRESS_MPA.astype(str)}, ("S",)),
+        ({"S": np.where(STRESS_MPA > 0.5, STRESS_MPA, np.inf)}, ()),
+        ({"t": TIMES_S[:0], "S": STRESS_MPA[:0]}, ()),
+        ({"who": ["SA"]}, (1, 5)),
+        ({"who": ["SA", "RA", "PC", "SA", "XX"]}, ("'XX'", "SA, RA, PC")),
+        ({"who": np.float64(3)}, ("who", "float64", "()")),
     ],
 )
-def test_arrays_of_an_npz_that_do_not_fit_are_refused_by_name(tmp_path, arrays, problem):
+def test_arrays_of_an_npz_that_do_not_fit_are_refused_by_name(tmp_path, arrays, shown):
     parts = {"t": TIMES_S, "S": STRESS_MPA, "who": ["SA"] * 5, **arrays}
     np.savez(tmp_path / "a.npz", **parts)
     columns = {"time": "t", "value": "S", "afferent": "who"}
-    with pytest.raises(ResultError, match=problem):
+    with pytest.raises(ResultError, match=naming("a.npz", *shown)):
         read(tmp_path / "a.npz", [1], columns=columns)
 
 
@@ -512,7 +513,7 @@ def test_an_array_that_nobody_names_is_not_read_and_a_near_name_is_shown(tmp_pat
     path = tmp_path / "a.npz"
     np.savez(path, t=TIMES_S, stress=STRESS_MPA, more=np.array([{}], dtype=object))
     assert len(read(path, [1], columns={"time": "t", "value": "stress"})) == 1
-    with pytest.raises(ResultError, match="did you mean stress"):
+    with pytest.raises(ResultError, match=naming("a.npz", "'stres'", "stress")):
         read(path, [1], columns={"time": "t", "value": "stres"})
 
 
@@ -523,7 +524,7 @@ def test_a_header_of_an_npz_that_lies_is_refused_before_memory_is_taken(tmp_path
     path = tmp_path / "a.npz"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("S.npy", header.getvalue())
-    with pytest.raises(ResultError, match="array S: shape"):
+    with pytest.raises(ResultError, match=naming("a.npz", "S")):
         NpzFile(path, ResultError.at(path))
 
 

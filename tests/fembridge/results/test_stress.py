@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.testing import assert_allclose
-from opened import sides
+from opened import naming, sides
 
 from fembridge.errors import ResultError
 from fembridge.results import read_fields
 from fembridge.results.extrapolation import brick_weights
-from fembridge.results.fields import derived_of
-from fembridge.results.stress import (
+from fembridge.results.fields import derive_values
+from fembridge.results.von_mises import (
     energy_stress_pa,
     max_shear_pa,
     mean_stress_pa,
@@ -114,7 +114,7 @@ def test_strain_energy_is_the_ener_of_a_recorded_shear(write_frd, block):
     path = write_frd(blocks)
     fields = {name: next(read_fields(path, name)) for name in quantities}
     assert fields["ENER"].units == ("Pa",)
-    energy_pa = derived_of("strain_energy_density", fields)
+    energy_pa = derive_values("strain_energy_density", fields)
     assert_allclose(energy_pa, fields["ENER"].component("ENER"), rtol=1e-4)
 
 
@@ -131,7 +131,7 @@ def test_each_side_of_a_layer_boundary_has_its_own_stress(samples):
             sxx = 0.01 * young_pa / (1 - 0.3**2)
             assert_allclose(side.tensor_pa, [[sxx, 0, 0.3 * sxx, 0, 0, 0]], atol=1e-6 * sxx)
         mean = (below.tensor_pa + above.tensor_pa)[0, 0] / 2
-        assert_allclose(field.at([node])[0, 0], mean, rtol=1e-4)
+        assert_allclose(field.values_at([node])[0, 0], mean, rtol=1e-4)
 
 
 def test_one_sided_stress_tells_what_is_missing(samples, tmp_path):
@@ -139,15 +139,15 @@ def test_one_sided_stress_tells_what_is_missing(samples, tmp_path):
         name = f"interface_cpe8r.{suffix}"
         shutil.copy(samples / name, tmp_path / name)
     path = tmp_path / "interface_cpe8r.frd"
-    with pytest.raises(ResultError, match="node 999 is at no element"):
+    with pytest.raises(ResultError, match=naming("interface_cpe8r.frd", 999)):
         sides(path, 999, "EALL")
     dat = path.with_suffix(".dat")
     lines = dat.read_text().splitlines(keepends=True)
     dat.write_text("".join(x for x in lines if not x.startswith(f"{10:10d} ")))
-    with pytest.raises(ResultError, match=r"no stress of element 10.*node 33"):
+    with pytest.raises(ResultError, match=naming("interface_cpe8r.dat", "EALL", 10, 33)):
         sides(path, 33, "EALL")
     dat.write_text("".join(x for x in lines if not x.startswith(f"{10:10d}   8")))
-    with pytest.raises(ResultError, match=r"element 10: .* with 7 integration points"):
+    with pytest.raises(ResultError, match=naming("interface_cpe8r.dat", 10)):
         sides(path, 33, "EALL")
 
 
@@ -183,5 +183,5 @@ def test_a_stress_that_varies_with_the_order_of_the_points_is_carried_exactly(ki
 
 
 def test_an_unknown_kind_of_element_is_not_extrapolated():
-    with pytest.raises(ValueError, match="tri6 with 9 integration points"):
+    with pytest.raises(ValueError, match=naming("tri6", 9)):
         brick_weights("tri6", 9, 0)

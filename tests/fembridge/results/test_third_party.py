@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from opened import naming
 
 from fembridge.errors import ResultError
 from fembridge.results import describe, read, read_fields
@@ -83,21 +84,21 @@ def test_every_value_of_every_file_is_what_a_plain_reader_reads(name, samples, t
 
 @HERE
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("name", "shown"),
     [
-        ("segment.frd.ref.gz", "5 modes, frequency in cycles per time 2.66198 to "),
+        ("segment.frd.ref.gz", (5, 2.66198)),
         ("twobeam.frd.gz", None),
         ("planestrain.frd.ref", None),
     ],
 )
-def test_modes_are_refused_as_a_history_and_increments_are_not(name, words, tmp_path):
+def test_modes_are_refused_as_a_history_and_increments_are_not(name, shown, tmp_path):
     path = unpacked(name, tmp_path)
     with ByteFile(path) as file:
         node = int(node_ids(file, FrdIndex(file).named("STRESS")[0])[0])
-    if words is None:
+    if shown is None:
         assert read_values(path, [node], LENIENT)[1].shape[1:] == (1, 6)
         return
-    with pytest.raises(ResultError, match=words):
+    with pytest.raises(ResultError, match=naming(*shown)):
         read(path, [node], across_materials=True)
 
 

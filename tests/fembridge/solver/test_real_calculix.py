@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from fembridge.machine import find_ccx
+from fembridge.host.machine import find_ccx
 from fembridge.solver.verdict import Cause
 
 pytestmark = pytest.mark.solver

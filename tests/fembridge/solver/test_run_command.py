@@ -11,7 +11,7 @@ import time
 import pytest
 
 from fembridge.cli import main
-from fembridge.solver.process import signals_as_exits, start, stop
+from fembridge.host.process import signals_as_exits, start, stop
 from fembridge.solver.verdict import Cause
 
 pytestmark = pytest.mark.usefixtures("fake_ccx")
@@ -71,7 +71,7 @@ def test_an_interrupted_command_leaves_no_solver_no_result_and_the_evidence(
 RUN = """
 import sys, threading
 from pathlib import Path
-from fembridge.run_folder import read_run_folder
+from fembridge.io.run_folder import read_run_folder
 from fembridge.solver.ccx import run_ccx
 run = read_run_folder(Path(sys.argv[1]))
 thread = threading.Thread(target=run_ccx, args=(run,))

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from fembridge import cli
-from fembridge.machine import CCX_VARIABLE
+from fembridge.host.machine import CCX_VARIABLE
 from fembridge.sweeps.sweep import solver_version
 
 

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import pytest
 
-from fembridge import executor
 from fembridge.errors import MissingError, UsageError
-from fembridge.executor import dask_executor
+from fembridge.host import executor
+from fembridge.host.executor import dask_executor
 from fembridge.sweeps.sweep import sweep as run_sweep
 
 needs_dask = pytest.mark.skipif(
@@ -39,9 +39,9 @@ def main(study, folder):
         print("workers", *[w.pid for w in cluster.workers.values()], flush=True)
         sweep = run_sweep(
             Path(study), Path(folder), executor="dask",
-            scheduler=cluster.scheduler_address, shows=True,
+            scheduler=cluster.scheduler_address, show_progress=True,
         )
-        print("causes", list(sweep.causes.values()), flush=True)
+        print("causes", [failure.cause for failure in sweep.failed], flush=True)
 
 if __name__ == "__main__":
     main(*sys.argv[1:])

@@ -7,6 +7,8 @@ from collections import Counter
 
 import pytest
 
+from fembridge.sweeps.study_file import read_study
+from fembridge.sweeps.sweep import make_plan, solver_version
 from fembridge.sweeps.sweep import sweep as run_sweep
 
 pytestmark = pytest.mark.usefixtures("recorded_ccx")
@@ -102,11 +104,12 @@ def test_a_response_that_was_edited_by_hand_is_read_again_from_the_solver(
     dermis_study, tmp_path, ledger
 ):
     out = tmp_path / "out"
-    sweep = run_sweep(dermis_study(2), out)
-    table = sweep.results.read_bytes()
-    for item in sweep.plan.items.values():
-        (out / item.place / "item.toml").unlink()
-    stored = [out / item.response.place for item in sweep.plan.items.values()]
+    run_sweep(dermis_study(2), out)
+    table = (out / "results.csv").read_bytes()
+    items = make_plan(read_study(dermis_study(2)), solver_version()).items.values()
+    for item in items:
+        (out / item.run_folder / "item.toml").unlink()
+    stored = [out / item.response.run_folder for item in items]
     content = (stored[0] / "response.toml").read_text()
     (stored[0] / "response.toml").write_text(content.replace("1", "2"))
     (stored[1] / "response.toml").unlink()

@@ -14,22 +14,21 @@ from hypothesis import strategies as st
 
 from fembridge.cli import main
 from fembridge.errors import TableError, UsageError
-from fembridge.plots.sensitivity import effects_figure
-from fembridge.sensitivity import (
+from fembridge.io.formatting import number, split_unit
+from fembridge.plots.sensitivity_charts import effects_figure
+from fembridge.sensitivity.effects import (
     OUTPUT,
     SweptFingers,
-    effects_markdown,
     find_base,
     is_one_at_a_time,
     ordered_parameters,
     rank_regressions,
     read_swept,
-    regressions_markdown,
     single_effects,
 )
+from fembridge.sensitivity.wording import effects_markdown, regressions_markdown
 from fembridge.sweeps import read_study
-from fembridge.sweeps.fingers import Range, one_at_a_time
-from fembridge.words import number, split_unit
+from fembridge.sweeps.fingers import Interval, one_at_a_time
 
 GROUPS = ("all", "sine_20", "noise")
 HEADER = (
@@ -129,7 +128,7 @@ def fingers(value, *answers, outputs=(RATE, STRESS)):
 @given(slopes=st.lists(st.floats(-5, 5), min_size=2, max_size=5), half=st.floats(0.01, 0.5))
 def test_the_change_of_a_linear_answer_is_slope_times_range(slopes, half):
     base = {f"p{k}": 1.0 for k in range(len(slopes))}
-    rows = one_at_a_time(base, {name: Range(1 - half, 1 + half) for name in base})
+    rows = one_at_a_time(base, {name: Interval(1 - half, 1 + half) for name in base})
     answers = np.array([np.dot(slopes, list(row.values())) for row in rows])
 
     swept = fingers(rows, answers)
@@ -148,7 +147,7 @@ def test_the_change_of_a_linear_answer_is_slope_times_range(slopes, half):
 @settings(settings.get_profile("costly"))
 @given(order=st.permutations(range(5)))
 def test_the_base_is_found_wherever_its_row_stands(order):
-    rows = one_at_a_time({"p": 1.0, "q": 1.0}, {"p": Range(0, 2), "q": Range(0, 2)})
+    rows = one_at_a_time({"p": 1.0, "q": 1.0}, {"p": Interval(0, 2), "q": Interval(0, 2)})
     answers = np.array([5.0, 3.0, 8.0, 4.0, 6.0])
     swept = fingers([rows[k] for k in order], answers[list(order)])
     effects = single_effects(swept)
@@ -170,7 +169,7 @@ def test_no_finger_of_a_single_parameter_is_called_the_base():
 
 
 def test_an_answer_that_comes_back_is_not_monotone_though_the_change_is_0():
-    rows = one_at_a_time({"p": 1.0, "q": 1.0}, {"p": Range(0, 2), "q": Range(0, 2)})
+    rows = one_at_a_time({"p": 1.0, "q": 1.0}, {"p": Interval(0, 2), "q": Interval(0, 2)})
     effects = single_effects(fingers(rows, np.array([5.0, 3.0, 3.0, 4.0, 5.0])))
     assert effects["change"].tolist() == [0.0, 1.0]
     assert effects["monotone"].tolist() == [False, True]
@@ -186,14 +185,14 @@ def test_more_than_two_levels_are_compared_from_end_to_end():
 
 
 def test_a_silent_base_has_no_percentage():
-    rows = one_at_a_time({"p": 1.0}, {"p": Range(0, 2)})
+    rows = one_at_a_time({"p": 1.0}, {"p": Interval(0, 2)})
     effect = single_effects(fingers(rows, np.array([0.0, 0.0, 4.0]))).iloc[0]
     assert effect["change"] == 4.0
     assert math.isnan(effect["change_percent"])
 
 
 def test_the_strongest_comes_first_and_stress_parts_what_rates_do_not():
-    rows = one_at_a_time({"p": 1.0, "q": 1.0, "r": 1.0}, {n: Range(0, 2) for n in "pqr"})
+    rows = one_at_a_time({"p": 1.0, "q": 1.0, "r": 1.0}, {n: Interval(0, 2) for n in "pqr"})
     rates = np.array([10.0, 10, 10, 10, 10, 10, 12])
     stress = np.array([100.0, 99, 101, 90, 110, 100, 100])
     assert ordered_parameters(single_effects(fingers(rows, rates, stress))) == ["r", "q", "p"]
@@ -346,7 +345,7 @@ def test_a_hypercube_is_ranked_and_its_summary_gives_the_same_again(
 ):
     """The rate of PC never changes; a finger failed."""
     few = partial(rank_regressions, resamples=50)
-    monkeypatch.setattr("fembridge.sensitivity.rank_regressions", few)
+    monkeypatch.setattr("fembridge.sensitivity.effects.rank_regressions", few)
     made = np.random.default_rng(1).random((20, 2)).tolist()
     rows = [
         row(d, "sine_20_250", rate, 9e3 * d, afferent, friction=f)
@@ -370,12 +369,12 @@ def test_a_hypercube_is_ranked_and_its_summary_gives_the_same_again(
 
 def test_a_table_of_an_unknown_kind_is_refused_before_anything_is_written(results, refused):
     words = [results(ONE, OTHER), "-o", "s.png", "--table", "effects.xls"]
-    refused(["plot", "sensitivity", *words], "effects.xls: expected .csv or .md")
+    refused(["plot", "sensitivity", *words], {"argument": "--table", "found": "effects.xls"})
 
 
 def test_the_picture_has_a_line_from_low_to_high_in_each_row():
     base = {"skin.dermis_mm": 1.0, "contact.friction": 0.4}
-    rows = one_at_a_time(base, {name: Range(0.8 * at, 1.2 * at) for name, at in base.items()})
+    rows = one_at_a_time(base, {name: Interval(0.8 * at, 1.2 * at) for name, at in base.items()})
     rates, stress = np.array([16.0, 15, 17, 12, 20]), np.array([9e3, 1e4, 8e3, 9e3, 9e3])
     sa, sa_stress = effects_figure(single_effects(fingers(rows, rates, stress))).axes
     assert [text.get_text() for text in sa.get_yticklabels()] == ["friction", "dermis thickness"]

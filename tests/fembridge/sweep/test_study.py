@@ -17,13 +17,13 @@ from fembridge.sweeps import fingers, read_study
 from fembridge.sweeps.fingers import (
     MAX_POINTS,
     Anchor,
-    Range,
+    Interval,
     anchor_of,
     anchored,
     latin_hypercube,
     range_of,
 )
-from fembridge.sweeps.study import study_from
+from fembridge.sweeps.study_file import study_from
 from fembridge.sweeps.sweep import make_plan
 
 LEAST = {"stimuli": ["sine_20_250"]}
@@ -84,54 +84,58 @@ def test_lists_of_a_probe_multiply_and_a_flat_one_gets_its_fillet(study_file):
     assert study.points == 10
 
 
+# Each with the key at fault, None if the file has none.
 NO_STUDY = (
-    ("stimulus = ['sine_20_250']", "'stimulus'.*stimuli"),
+    ("stimulus = ['sine_20_250']", "stimulus"),
     ("methods = ['map']", "stimuli"),
-    ("stimuli = ['../../etc/passwd']", "stimuli: .*'../../etc/passwd'"),
-    ("stimuli = ", "study.toml"),
-    ("stimuli = 'sine_20_250'\n" + "a = " + "[" * 5000, "study.toml"),
+    ("stimuli = ['../../etc/passwd']", None),
+    ("stimuli = ", None),
+    ("stimuli = 'sine_20_250'\n" + "a = " + "[" * 5000, None),
 )
 
 NOT_BESIDE_A_STIMULUS = (
-    ("methods = ['maps']", "methods: .*'maps'"),
-    ("preindent_um = -1", "preindent_um: .*-1.0"),
-    ("element = 'CPE5'", "element: 'CPE5'"),
-    ("parameters = 'publish'", "parameters: .*publish"),
+    ("methods = ['maps']", "methods"),
+    ("preindent_um = -1", "preindent_um"),
+    ("seed = -1", "seed"),
+    ("element = 'CPE5'", "element"),
+    ("parameters = 'publish'", "parameters"),
+    ("parameters = '../own.toml'", "parameters"),
+    ("name = ''", "name"),
     ("fingers = []", "fingers"),
-    ("fingers = ['absent.toml']", "fingers 1: .*absent.toml"),
-    ("fingers = [{grids = {}}]", "fingers 1: .*'grids'"),
-    ("fingers = [{rows = [{}], grid = {}}]", "grid and rows"),
-    ("fingers = [{rows = [{}, {skin.dermis_mm = nan}]}]", "fingers 1: 2: skin.dermis_mm: nan"),
-    ("fingers = [{grid.skin.dermis = [1.0]}]", "'dermis'.*dermis_mm"),
-    ("fingers = [{grid.skin.dermis_mm = [1.0, 1.0]}]", "fingers 1: 1: skin.dermis_mm"),
+    ("fingers = ['absent.toml']", "fingers 1.base"),
+    ("fingers = [{grids = {}}]", "fingers 1.grids"),
+    ("fingers = [{rows = [{}], grid = {}}]", "fingers 1.rows"),
+    ("fingers = [{rows = [{}, {skin.dermis_mm = nan}]}]", "fingers 1.rows 2.skin.dermis_mm"),
+    ("fingers = [{grid.skin.dermis = [1.0]}]", "fingers 1.skin.dermis"),
+    ("fingers = [{grid.skin.dermis_mm = [1.0, 1.0]}]", "fingers 1.grid.skin.dermis_mm"),
     (
         "[[fingers]]\n[fingers.grid]\n'skin.dermis_mm.x' = [1.0]\nskin.dermis_mm = [1.1]",
-        "skin.dermis_mm",
+        "fingers 1.grid.skin.dermis_mm",
     ),
-    ("fingers = [{grid.skin.dermis_mm = {}}]", "skin.dermis_mm: an empty section"),
-    ("probes = [{diameter_mm = -1}]", "probes: diameter_mm"),
-    ("probes = [{fillet_mm = 0.1}]", "fillet_mm"),
-    ("probes = [{}, {}]", "probes: .*duplicate"),
-    ("contacts = [{fricton = 0.1}]", "fricton.*friction"),
+    ("fingers = [{grid.skin.dermis_mm = {}}]", "fingers 1.grid.skin.dermis_mm"),
+    ("probes = [{diameter_mm = -1}]", "probes.diameter_mm"),
+    ("probes = [{fillet_mm = 0.1}]", "probes.fillet_mm"),
+    ("probes = [{}, {}]", "probes"),
+    ("contacts = [{fricton = 0.1}]", "contacts.fricton"),
     ("stored = true\nmethods = ['transient']", "stored"),
     ("stored = true\ncontacts = [{friction = 0}]", "contacts"),
 )
 
 
 @pytest.mark.parametrize(
-    ("text", "found"),
+    ("text", "key"),
     [
         *NO_STUDY,
-        *((f"stimuli = 'sine_20_250'\n{text}", found) for text, found in NOT_BESIDE_A_STIMULUS),
+        *((f"stimuli = 'sine_20_250'\n{text}", key) for text, key in NOT_BESIDE_A_STIMULUS),
     ],
     ids=range(len(NO_STUDY) + len(NOT_BESIDE_A_STIMULUS)),
 )
-def test_what_a_study_must_not_hold_is_one_line_with_file_and_key(text, found, study_file):
+def test_a_study_with_an_error_is_refused_with_file_and_key(text, key, study_file):
     path = study_file(text)
-    with pytest.raises(UsageError, match=found) as caught:
+    with pytest.raises(UsageError) as caught:
         read_study(path)
+    assert (caught.value.path, caught.value.key) == (path, key)
     line = str(caught.value)
-    assert line.startswith(f"{path}: ")
     assert "\n" not in line.removeprefix(f"{path}: not readable as TOML")
     assert len(line) < 700
 
@@ -146,8 +150,9 @@ def test_what_a_study_must_not_hold_is_one_line_with_file_and_key(text, found, s
 def test_a_product_without_measure_is_refused_by_its_number_before_it_is_made(part, keys, count):
     wide = {key: [0.1 + 1e-6 * k for k in range(400)] for key in keys}
     entry = {"grid": wide} if part == "fingers" else wide
-    with pytest.raises(UsageError, match=rf"\b{count}\b.*\b{MAX_POINTS}\b"):
+    with pytest.raises(UsageError) as caught:
         study_from({**LEAST, part: [entry]}, folder=None)
+    assert (caught.value.found, caught.value.expected) == (count, f"at most {MAX_POINTS}")
 
 
 RANGES = {"skin.dermis_mm": [0.9, 1.2], "materials.dermis.young_mpa": "20 %"}
@@ -215,40 +220,60 @@ def test_an_afferent_whose_depth_is_varied_stays_at_that_depth(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("finger", "found"),
+    ("finger", "key", "found"),
     [
-        ({"ranges": RANGES}, "fingers 1: design: ''"),
-        ({"design": "sobol", "ranges": RANGES}, "design: 'sobol'"),
-        ({"design": "one-at-a-time"}, "design.*ranges"),
-        ({"design": "one-at-a-time", "ranges": RANGES, "samples": 4}, "samples"),
-        ({"design": "latin-hypercube", "ranges": RANGES}, "samples: 0"),
-        ({"design": "latin-hypercube", "ranges": RANGES, "samples": 9_000}, "108000 points"),
-        ({"design": "one-at-a-time", "ranges": {"skin.colour": [1, 2]}}, "skin.colour"),
-        ({"design": "one-at-a-time", "ranges": {"skin.dermis_mm": [1, 2.5]}}, "dermis_mm=2.5"),
+        ({"ranges": RANGES}, "design", ""),
+        ({"design": "sobol", "ranges": RANGES}, "design", "sobol"),
+        ({"design": "one-at-a-time"}, "design", None),
+        ({"design": "one-at-a-time", "ranges": RANGES, "samples": 4}, "design", "one-at-a-time"),
+        ({"design": "latin-hypercube", "ranges": RANGES}, "samples", 0),
+        (
+            {"design": "one-at-a-time", "ranges": {"skin.colour": [1, 2]}},
+            "ranges.skin.colour",
+            None,
+        ),
+        (
+            {"design": "one-at-a-time", "ranges": {"skin.dermis_mm": [1, 2.5]}},
+            "bone.depth_mm",
+            10.7,
+        ),
         (
             {
                 "design": "latin-hypercube",
                 "samples": 9,
                 "ranges": {"afferents.SA.to_boundary_mm": [0.1, 0.9]},
             },
-            r"sample \d of 9: afferent SA",
+            "afferents.SA.depth_mm",
+            0.0,
         ),
-        ({"rows": [{"afferents.SA.to_boundary_mm": -0.1}]}, "-0.1"),
+        (
+            {"rows": [{"afferents.SA.to_boundary_mm": -0.1}]},
+            "afferents.SA.to_boundary_mm",
+            -0.1,
+        ),
         (
             {"rows": [{"afferents.SA.to_boundary_mm": 0.1, "afferents.SA.depth_mm": 0.5}]},
-            "to_boundary_mm.*afferents.SA.depth_mm",
+            "afferents.SA.to_boundary_mm",
+            None,
         ),
-        ({"rows": [{"afferents.XY.to_boundary_mm": 0.1}]}, "'XY'.*SA, RA, PC"),
+        ({"rows": [{"afferents.XY.to_boundary_mm": 0.1}]}, "afferents.XY", "XY"),
     ],
 )
-def test_what_cannot_be_designed_is_one_line(tmp_path, finger, found):
-    with pytest.raises(UsageError, match=found) as caught:
+def test_a_design_with_an_error_is_refused_by_key(tmp_path, finger, key, found):
+    with pytest.raises(UsageError) as caught:
         study_with(tmp_path, **finger)
+    assert (caught.value.key, caught.value.found) == (f"fingers 1.{key}", found)
     assert "\n" not in str(caught.value)
 
 
+def test_a_design_of_too_many_points_is_refused(tmp_path):
+    with pytest.raises(UsageError) as caught:
+        study_with(tmp_path, design="latin-hypercube", ranges=RANGES, samples=9_000)
+    assert caught.value.found == 108_000
+
+
 def drawn_shares(parameters, samples, seed):
-    ranges = {str(k): Range(0, 1) for k in range(parameters)}
+    ranges = {str(k): Interval(0, 1) for k in range(parameters)}
     return np.array([[*row.values()] for row in latin_hypercube(ranges, samples, seed)])
 
 
@@ -276,7 +301,7 @@ def test_each_slice_of_each_range_has_one_finger(samples, parameters, not_optimi
     ],
 )
 def test_a_range_is_two_numbers_or_a_share_around_the_base(asked, low, high, logarithmic):
-    assert range_of(asked, 0.5) == Range(low, high, logarithmic)
+    assert range_of("skin.dermis_mm", asked, 0.5) == Interval(low, high, logarithmic)
 
 
 @pytest.mark.parametrize("base", [1.0, 0.0, None])
@@ -288,8 +313,9 @@ def test_a_range_is_two_numbers_or_a_share_around_the_base(asked, low, high, log
     ],
 )
 def test_what_is_no_range_is_refused(asked, base):
-    with pytest.raises(UsageError):
-        range_of(asked, base)
+    with pytest.raises(UsageError) as caught:
+        range_of("skin.dermis_mm", asked, base)
+    assert (caught.value.key, caught.value.found) == ("skin.dermis_mm", asked)
 
 
 def with_site(finger, name, site):
@@ -339,10 +365,12 @@ def test_in_any_skin_they_keep_their_distance(corneum, epidermis, dermis, ridge,
 
 def test_a_site_that_is_not_in_its_layer_has_no_boundary_to_keep_to():
     astray = with_site(QUICK, "RA", AfferentSite("dermis", 0.125, 0.4))
-    with pytest.raises(FingerError, match=r"RA .*0\.4 mm"):
+    with pytest.raises(FingerError) as caught:
         anchor_of(astray, "RA")
+    assert (caught.value.key, caught.value.found) == ("afferents.RA.depth_mm", 0.4)
     boned = with_site(QUICK, "RA", AfferentSite("bone", 0.0, 8.0))
     with pytest.raises(FingerError, match="bone"):
         anchor_of(boned, "RA")
-    with pytest.raises(FingerError, match=r"'XX'.*SA, RA, PC"):
+    with pytest.raises(FingerError) as caught:
         anchor_of(QUICK, "XX")
+    assert (caught.value.key, caught.value.found) == ("afferents.XX", "XX")

@@ -2,20 +2,31 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from decks.presets import PRESETS, model_of
+from decks.presets import PRESETS
 from decks.stimuli import resolve
-from decks.waveform import make_stimulus
+from decks.synthesis import make_stimulus
+from fembridge.errors import UsageError
 from fembridge.response.response_map import FOLDER, read_map
-from fembridge.simulation import simulate
+from fembridge.simulation.simulate import simulate
 from fembridge.stimulus import Stimulus
 from fembridge.sweeps import Study, Variant
 from fembridge.sweeps import sweep as module
-from fembridge.sweeps.study import study_from
-from fembridge.sweeps.sweep import STUDY_FILE, make_plan, read_answers, run_task, solver_version
+from fembridge.sweeps.study_file import study_from, study_from_frame
+from fembridge.sweeps.sweep import (
+    RESULTS_FILE,
+    STUDY_FILE,
+    Sweep,
+    make_plan,
+    read_answers,
+    run_task,
+    solver_version,
+)
 from fembridge.sweeps.sweep import sweep as run_sweep
 from neural import parameter_set
 from neural.rates import spikes_inside
@@ -28,7 +39,7 @@ def study(words, **changes):
 
 
 def rows_of(sweep):
-    with sweep.results.open(newline="") as file:
+    with (sweep.folder / RESULTS_FILE).open(newline="") as file:
         return list(csv.DictReader(file))
 
 
@@ -41,14 +52,12 @@ def test_the_table_holds_what_the_pipeline_gives(here, tmp_path):
         (float(row["preindent_um"]), row["stimulus"], row["afferent"]): row
         for row in rows_of(sweep)
     }
-    assert sweep.rows == len(rows) == 2 * 6 * 3
+    assert len(sweep.results) == len(rows) == 2 * 6 * 3
     for depth_um in (0.0, 75.0):
         expected = simulate(
-            [make_stimulus(entry, depth_um) for entry in made.stimuli],
-            model_of(PRESETS["quick"]),
-            tmp_path,
+            [make_stimulus(entry) for entry in made.stimuli],
             stored=True,
-            parameters=chosen,
+            parameters=replace(chosen, preindent_um=depth_um),
         )
         windows = {each.id: each.window_ms for each in expected.stimuli}
         for rate in expected.mean_rates:
@@ -69,8 +78,8 @@ def test_the_table_holds_what_the_pipeline_gives(here, tmp_path):
 
 def test_deep_stimuli_take_the_deep_response_that_is_stored(here, tmp_path):
     sweep = run_sweep(study("sine_20_250", preindents_um=(300.0,)), tmp_path)
-    assert not sweep.causes
-    assert sweep.table["peak_stress_pa"].min() > 0
+    assert not sweep.failed
+    assert sweep.results["peak_stress_pa"].min() > 0
 
 
 def harmed(content):
@@ -81,10 +90,10 @@ def harmed(content):
 def test_a_file_of_an_item_that_was_harmed_makes_it_unfinished(here, tmp_path):
     made = study("sine_20_250")
     sweep = run_sweep(made, tmp_path)
-    table = sweep.results.read_bytes()
-    [item] = sweep.plan.items.values()
+    table = (sweep.folder / RESULTS_FILE).read_bytes()
+    [item] = make_plan(made, "stored").items.values()
     for name in ("answers.csv", "spikes.csv", "item.toml"):
-        path = tmp_path / item.place / name
+        path = tmp_path / item.run_folder / name
         content = path.read_bytes()
         for change in harmed(content):
             path.unlink() if change is None else path.write_bytes(change)
@@ -95,8 +104,8 @@ def test_a_file_of_an_item_that_was_harmed_makes_it_unfinished(here, tmp_path):
 
         again = run_sweep(made, tmp_path)
 
-        assert again.before == 0
-        assert again.results.read_bytes() == table
+        assert again.finished_before == 0
+        assert (again.folder / RESULTS_FILE).read_bytes() == table
         assert item.is_finished(tmp_path)
 
 
@@ -109,11 +118,11 @@ def test_one_that_fails_is_listed_and_stops_nobody(here, tmp_path):
     sweep = run_sweep(study_from(table, tmp_path), tmp_path)
 
     [failed] = sweep.failed
-    assert "no response is stored for this finger" in sweep.causes[failed.key]
+    assert "no response is stored for this finger" in failed.cause
     rows = rows_of(sweep)
     assert [row["status"] for row in rows] == ["done"] * 18 + ["failed"] * 18 + ["done"] * 18
     bad = rows[18:36]
-    assert {row["cause"] for row in bad} == {sweep.causes[failed.key]}
+    assert {row["cause"] for row in bad} == {failed.cause}
     assert {row["rate_ips"] + row["spikes"] + row["peak_stress_pa"] for row in bad} == {""}
     assert {(row["finger"], row["skin.epidermis_mm"]) for row in rows} == {
         ("quick", "0.4"),
@@ -136,8 +145,8 @@ def test_a_bug_of_ours_in_one_item_is_its_cause_and_stops_nobody(here, tmp_path,
     sweep = run_sweep(made, tmp_path)
 
     [failed] = sweep.failed
-    assert sweep.causes[failed.key].endswith("ZeroDivisionError: by nothing")
-    trace = tmp_path / failed.place / "failed.txt"
+    assert failed.cause.endswith("ZeroDivisionError: by nothing")
+    trace = tmp_path / failed.run / "failed.txt"
     assert "in buggy" in trace.read_text()
     monkeypatch.undo()
     monkeypatch.setattr(module, "LocalExecutor", here)
@@ -149,7 +158,7 @@ def test_an_old_table_does_not_outlive_the_start_of_a_sweep(here, tmp_path, monk
     made = study("sine_20_250")
     sweep = run_sweep(made, tmp_path)
     [item] = make_plan(made, "stored").items.values()
-    (tmp_path / item.place / "item.toml").unlink()
+    (tmp_path / item.run_folder / "item.toml").unlink()
 
     def stopped(*words):
         raise KeyboardInterrupt
@@ -157,7 +166,61 @@ def test_an_old_table_does_not_outlive_the_start_of_a_sweep(here, tmp_path, monk
     monkeypatch.setattr(module, "_run_tasks", stopped)
     with pytest.raises(KeyboardInterrupt):
         run_sweep(made, tmp_path)
-    assert not sweep.results.exists()
+    assert not (sweep.folder / RESULTS_FILE).exists()
+
+
+def test_a_frame_is_the_study_with_a_row_a_point(here, tmp_path):
+    frame = pd.DataFrame({"stimulus": ["sine_20_250", "sine_50_250"], "preindent_um": [75.0, 75.0]})
+    table = {"stimuli": frame["stimulus"].tolist(), "preindent_um": [75.0]}
+    rows = []
+    for made in (study_from_frame(frame), study_from(table, tmp_path)):
+        rows.append(make_plan(replace(made, stored=True), "stored").rows)
+    pd.testing.assert_frame_equal(*rows)
+
+
+def test_fingers_of_a_frame_have_their_changes():
+    frame = pd.DataFrame(
+        {
+            "stimulus": ["sine_20_250", "sine_50_250"] * 2,
+            "skin.epidermis_mm": [0.35, 0.35, 0.45, 0.45],
+            "probe_diameter_mm": 0.5,
+        }
+    )
+    made = study_from_frame(frame)
+    assert [variant.changes for variant in made.variants] == [
+        {"skin.epidermis_mm": 0.35},
+        {"skin.epidermis_mm": 0.45},
+    ]
+    assert [probe.diameter_mm for probe in made.probes] == [0.5]
+    assert made.points == 4
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        pd.DataFrame({"stimulus": ["sine_20_250"], "speed": [3]}),
+        pd.DataFrame({"preindent_um": [75.0]}),
+        pd.DataFrame({"stimulus": ["sine_20_250", "sine_50_250"], "preindent_um": [0.0, 75.0]}),
+    ],
+)
+def test_a_frame_that_is_no_study_is_refused(frame):
+    with pytest.raises(UsageError) as caught:
+        study_from_frame(frame)
+    assert caught.value.argument == "study"
+
+
+def test_a_sweep_comes_back_from_its_folder(here, tmp_path):
+    table = {"stimuli": ["sine_20_250"], "fingers": ["quick", "paper"], "stored": True}
+    made = run_sweep(table, tmp_path / "out")
+    made.write(tmp_path / "copy")
+    for folder in ("out", "copy"):
+        read = Sweep.read(tmp_path / folder)
+        pd.testing.assert_frame_equal(read.results, made.results)
+        assert (read.failed, read.items) == ((), 2)
+        assert read.provenance == made.provenance
+    with pytest.raises(UsageError) as caught:
+        made.plot("raster")
+    assert (caught.value.argument, caught.value.found) == ("kind", "raster")
 
 
 def test_the_command_counts_and_ends_with_0(here, command, study_file, tmp_path, capsys):
@@ -200,10 +263,12 @@ def test_calculix_gives_what_is_stored_and_a_transient_what_the_map_gives(tmp_pa
     solved = run_sweep(study, tmp_path / "out")
     known = run_sweep(stored, tmp_path / "out")
 
-    assert not solved.causes
-    [one], [other] = solved.plan.items.values(), known.plan.items.values()
-    answers = read_answers(tmp_path / "out" / one.place)
-    expected = read_answers(tmp_path / "out" / other.place)
+    assert not solved.failed
+    assert not known.failed
+    [one] = make_plan(study, solver_version()).items.values()
+    [other] = make_plan(stored, "stored").items.values()
+    answers = read_answers(tmp_path / "out" / one.run_folder)
+    expected = read_answers(tmp_path / "out" / other.run_folder)
     assert answers.rate_ips.to_dict() == expected.rate_ips.to_dict()
     np.testing.assert_allclose(answers.peak_stress_pa, expected.peak_stress_pa, rtol=1e-3)
 
@@ -221,5 +286,5 @@ def test_calculix_gives_what_is_stored_and_a_transient_what_the_map_gives(tmp_pa
     for item in plan.items.values():
         assert run_task(item, tmp_path / "out", threads=1).cause == ""
         assert run_task(item, tmp_path / "out").before
-        peaks.append(read_answers(tmp_path / "out" / item.place).peak_stress_pa)
+        peaks.append(read_answers(tmp_path / "out" / item.run_folder).peak_stress_pa)
     np.testing.assert_allclose(peaks[1], peaks[0], rtol=5e-3)

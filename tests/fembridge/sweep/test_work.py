@@ -5,16 +5,16 @@ from dataclasses import fields, replace
 
 import pytest
 
-from decks.analysis import Contact
+from decks.contact_analysis import Contact
 from decks.finger import PronyTerm
 from decks.presets import PRESETS, finger_from
 from decks.probe import Probe
 from decks.stimuli import resolve
+from fembridge.host.store import folder_lock
 from fembridge.response.indentation import LADDER
-from fembridge.store import folder_lock
 from fembridge.sweeps import Study, Variant
 from fembridge.sweeps import sweep as module
-from fembridge.sweeps.study import contact_ladder
+from fembridge.sweeps.study_file import contact_ladder
 from fembridge.sweeps.sweep import STUDY_FILE, Item, Response, make_plan, run_task
 from neural import parameter_set
 
@@ -138,8 +138,8 @@ def folder(tmp_path):
 
 def test_who_is_not_to_wait_says_that_it_is_busy(folder):
     [item] = make_plan(study(stored=True), "stored").items.values()
-    (folder / item.place).mkdir(parents=True)
-    with folder_lock(folder / item.place, ".lock"):
+    (folder / item.run_folder).mkdir(parents=True)
+    with folder_lock(folder / item.run_folder, ".lock"):
         ended = run_task(item, folder, wait=False)
     assert ended.busy
     assert not run_task(item, folder, wait=False).cause

@@ -20,7 +20,7 @@ def test_a_picture_of_ones_own_is_scanned_and_leaves_tables_and_pictures(
 ):
     from matplotlib.image import imsave
 
-    monkeypatch.setattr("fembridge.plots.pad.FRAMES", 2)
+    monkeypatch.setattr("fembridge.plots.touch_view.FRAMES", 2)
     imsave(tmp_path / "dot.png", np.pad(np.ones((6, 6)), 10), cmap="gray")
     code, printed = run(
         capsys, "touch", "--shape", tmp_path / "dot.png", "--pixel-mm", 0.25, "--slide-mm-per-s",
@@ -35,7 +35,7 @@ def test_a_picture_of_ones_own_is_scanned_and_leaves_tables_and_pictures(
     rates, spikes = pd.read_csv(out / "rates.csv"), pd.read_csv(out / "spikes.csv")
     assert list(units)[:5] == ["unit", "afferent", "x_mm", "z_mm", "depth_mm"]
     assert list(rates) == ["stimulus", "afferent", "unit", "rate_ips"]
-    assert list(spikes) == ["stimulus", "afferent", "unit", "repeat", "spike_time_ms"]
+    assert list(spikes) == ["stimulus", "afferent", "unit", "trial", "spike_time_ms"]
     assert list(rates["unit"]) == list(units["unit"])
     assert set(spikes["unit"]) <= set(units["unit"])
     assert pd.read_csv(out / "touch.csv")["force_n"].max() == pytest.approx(0.2)
@@ -85,7 +85,7 @@ def test_files_of_two_touches_never_stand_side_by_side(tmp_path, capsys):
         (("receptive-field", "--depth-um", "deep"), "deep"),
         (("receptive-field", "--pad", "plane"), "plane"),
         (("pad", "-o", "pad.txt"), ".npz"),
-        (("pad", "--spacing-mm", "0"), "--spacing-mm: '0', expected a number from 0.05 to 1"),
+        (("pad", "--spacing-mm", "0"), {"argument": "--spacing-mm", "found": "0"}),
     ],
 )
 def test_misuse_gets_one_line(refused, words, named):

@@ -11,12 +11,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from fembridge.errors import ResponseError, UsageError
-from fembridge.touching.contact import skin_nodes
-from fembridge.touching.pad import COMPONENTS, Pad, StressRow, cubic_weights
-from fembridge.touching.pad_file import STORED, pad_named, read_pad, write_pad
-from fembridge.touching.stress import influence_pa, von_mises_pa
+from fembridge.touching.pad import COMPONENTS, Pad
+from fembridge.touching.pad_file import STORED, read_pad, resolve_pad, write_pad
+from fembridge.touching.prism_pad import StressRow, cubic_weights
+from fembridge.touching.stress import von_mises_pa
 
-PAD = pad_named("reference")
+PAD = resolve_pad("reference")
 MIRROR_X = np.array([1, 1, 1, -1, 1, -1])
 MIRROR_Z = np.array([1, 1, 1, 1, -1, -1])
 
@@ -28,7 +28,7 @@ def at(nodes, column, row):
 def tensors(force, x_mm, z_mm, depth_mm=0.55, layer="epidermis"):
     places = np.atleast_1d(x_mm) * 1.0, np.atleast_1d(z_mm) * 1.0
     count = places[0].size
-    return influence_pa(PAD, force, np.full(count, layer), *places, np.full(count, depth_mm))[
+    return PAD.influence_pa(force, np.full(count, layer), *places, np.full(count, depth_mm))[
         :, :, 0
     ]
 
@@ -37,7 +37,7 @@ def test_a_force_here_moves_there_what_a_force_there_moves_here():
     downward = PAD.compliance[1]
     assert_allclose(downward, downward.transpose(1, 0, 2), atol=2e-4 * downward.max())
     # Of the continuum's compliance, positive definite where nodes are of one lattice.
-    matrix = skin_nodes(PAD, half_length_mm=1.0).compliance()
+    matrix = PAD.skin_nodes(half_length_mm=1.0).compliance().matrix
     assert np.linalg.eigvalsh(0.5 * (matrix + matrix.T)).min() > 0
 
 
@@ -45,7 +45,7 @@ def test_the_pad_is_its_own_mirror_image():
     compliance = PAD.compliance
     for direction, flip in ((0, -1), (1, 1), (2, 1)):
         assert_allclose(compliance[direction], flip * compliance[direction, ::-1, ::-1], atol=1e-9)
-    nodes = skin_nodes(PAD)
+    nodes = PAD.skin_nodes()
     x, z = np.array([0.3, 1.1, -2.0]), np.array([0.2, -1.3, 3.0])
     here = tensors(at(nodes, 5, 3), x, z)
     scale = np.abs(here).max()
@@ -60,7 +60,7 @@ def test_the_tissue_carries_what_the_skin_was_pressed_with():
     x = np.arange(-6.5, 6.5 + step / 2, step)
     z = np.arange(-12, 12 + step / 2, step)
     here, along = (each.ravel() for each in np.meshgrid(x, z))
-    stress = tensors(at(skin_nodes(PAD), 0, 0), here, along, 2.0, "subcutaneous_tissue")
+    stress = tensors(at(PAD.skin_nodes(), 0, 0), here, along, 2.0, "subcutaneous_tissue")
     named = dict(zip(COMPONENTS, stress, strict=True))
     # The inward normal of an ellipse of 8 x 6.5 mm, and the arc that a step in x is.
     slope = 6.5 / 64 * here / np.sqrt(1 - (here / 8) ** 2)
@@ -97,7 +97,7 @@ def test_a_stored_pad_comes_back_and_an_altered_one_does_not(tmp_path):
     assert_allclose(again.down_mm, PAD.down_mm, rtol=1e-7)
     assert_allclose(again.stress_pa, PAD.stress_pa, atol=1e-3 * np.abs(PAD.stress_pa).max())
     assert again.finger == PAD.finger
-    assert pad_named("reference") is PAD is pad_named(PAD)  # read once
+    assert resolve_pad("reference") is PAD is resolve_pad(PAD)  # read once
 
     with np.load(path) as stored:
         arrays = dict(stored)
@@ -109,7 +109,7 @@ def test_a_stored_pad_comes_back_and_an_altered_one_does_not(tmp_path):
     with pytest.raises(ResponseError, match=str(path)):
         read_pad(path)
     with pytest.raises(UsageError, match="reference"):
-        pad_named("nobody")
+        resolve_pad("nobody")
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_a_stored_pad_comes_back_and_an_altered_one_does_not(tmp_path):
 )
 def test_a_unit_where_the_pad_has_no_stress_is_refused(layer, depth_mm, named):
     with pytest.raises(UsageError, match=named):
-        tensors(at(skin_nodes(PAD), 0, 0), 0.0, 0.0, depth_mm, layer)
+        tensors(at(PAD.skin_nodes(), 0, 0), 0.0, 0.0, depth_mm, layer)
 
 
 # ---- Pads that were altered and sealed again
@@ -267,7 +267,7 @@ def test_skin_that_gains_energy_or_is_not_reciprocal_is_refused(tmp_path, conten
 
 def test_a_small_file_of_a_huge_pad_is_refused_from_its_headers(tmp_path, monkeypatch, content):
     """Zeros that deflate packs a thousand times, in an array of a pad, of none, and in a text."""
-    monkeypatch.setattr("fembridge.memory.SMALL_BYTES", 1 << 22)
+    monkeypatch.setattr("fembridge.host.memory.SMALL_BYTES", 1 << 22)
     count = 1 << 23
     for name, zeros in (
         ("extra", np.zeros(count, np.float32)),

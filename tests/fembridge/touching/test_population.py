@@ -5,20 +5,21 @@ from collections import Counter
 from dataclasses import replace
 
 import numpy as np
+import pandas
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from decks.presets import QUICK
 from fembridge.errors import FembridgeError, FembridgeWarning, TableError, UsageError
-from fembridge.touching.pad_file import pad_named
+from fembridge.touching.pad_file import resolve_pad
 from fembridge.touching.population import (
     DENSITY_CM2,
     Population,
     check_inside,
-    population_named,
+    resolve_population,
 )
 
-PAD = pad_named("reference")
+PAD = resolve_pad("reference")
 
 
 def test_a_fingertip_has_the_densities_of_man():
@@ -80,7 +81,7 @@ def test_a_density_without_a_unit_and_too_many_units_are_refused():
 def test_a_table_comes_back(tmp_path):
     units = Population.fingertip(seed=3, density=0.1)
     units.write(tmp_path / "population.csv")
-    again = population_named(str(tmp_path / "population.csv"), QUICK)
+    again = resolve_population(str(tmp_path / "population.csv"), QUICK)
     for name in ("x_mm", "z_mm", "depth_mm", "deviate"):
         assert_array_equal(getattr(again, name), getattr(units, name))
     assert again.unit == units.unit and again.afferent == units.afferent
@@ -89,7 +90,7 @@ def test_a_table_comes_back(tmp_path):
 def test_places_alone_make_a_population(tmp_path):
     path = tmp_path / "mine.csv"
     path.write_text("z_mm,afferent,x_mm\n1,PC,0\n2,SA,-1\n")
-    units = Population.read(path)
+    units = Population.from_table(path)
     assert units.unit == ("1", "2")
     assert_allclose(units.depth_mm, [2.0, 0.5875])
     assert_allclose(units.z_mm, [1, 2])
@@ -115,7 +116,7 @@ def test_a_table_that_is_no_population_names_the_line(tmp_path, text, line):
     path = tmp_path / "mine.csv"
     path.write_text(text)
     with pytest.raises(TableError) as error:
-        Population.read(path)
+        Population.from_table(path)
     assert error.value.line == line
 
 
@@ -123,30 +124,31 @@ def test_a_column_of_another_name_is_refused_with_the_nearest(tmp_path):
     path = tmp_path / "mine.csv"
     path.write_text("afferent,x_mm,z_mm,deviates\nRA,0,0,0.5\n")
     with pytest.raises(TableError, match=r"deviates.* deviate"):
-        Population.read(path)
+        Population.from_table(path)
 
 
 def test_a_table_that_may_be_cut_in_its_last_cell_is_named(tmp_path):
     path = tmp_path / "mine.csv"
     path.write_text("afferent,x_mm,z_mm\nRA,0,1")
     with pytest.warns(FembridgeWarning, match=r"mine\.csv: no line end"):
-        Population.read(path)
+        Population.from_table(path)
 
 
 @pytest.mark.parametrize(
-    ("row", "match"),
+    ("row", "argument"),
     [
-        ("far,RA,1e308,0,0.5,0", "unit far: x_mm is 1e[+]308"),
-        ("far,RA,0,-1e308,0.5,0", "unit far: z_mm is -1e[+]308"),
-        ("deep,RA,0,0,1e308,0", "unit deep: depth_mm"),
-        ("dull,RA,0,0,0.5,1e308", "unit dull: deviate"),
+        ("far,RA,1e308,0,0.5,0", "x_mm"),
+        ("far,RA,0,-1e308,0.5,0", "z_mm"),
+        ("deep,RA,0,0,1e308,0", "depth_mm"),
+        ("dull,RA,0,0,0.5,1e308", "deviate"),
     ],
 )
-def test_a_number_that_no_unit_has_is_refused_by_its_name(tmp_path, row, match):
+def test_a_number_that_no_unit_has_is_refused_by_its_name(tmp_path, row, argument):
     path = tmp_path / "mine.csv"
     path.write_text(f"unit,afferent,x_mm,z_mm,depth_mm,deviate\na,SA,0,0,0.5,0\n{row}\n")
-    with pytest.raises(UsageError, match=match):
-        Population.read(path)
+    with pytest.raises(UsageError, match=row.partition(",")[0]) as error:
+        Population.from_table(path)
+    assert error.value.argument == argument and abs(error.value.found) == 1e308
 
 
 def placed(x_mm=0.0, z_mm=0.0, depth_mm=None, afferent="SA", pad=PAD):
@@ -179,12 +181,12 @@ def test_a_unit_in_a_layer_without_stress_is_refused_by_its_name():
 
 
 def test_a_unit_that_a_press_in_the_middle_does_not_reach_is_named():
-    with pytest.warns(FembridgeWarning, match="unit first at z = -14 mm .and 1 others.*13.3 mm"):
+    with pytest.warns(FembridgeWarning, match="unit first at z = -14 mm.*13.3 mm.*and 1 others"):
         placed(z_mm=-14.0)
     placed(z_mm=13.0)
-    placed(z_mm=900.0, pad=pad_named("plane"))  # endless along the finger
+    placed(z_mm=900.0, pad=resolve_pad("plane"))  # endless along the finger
     placed(x_mm=7.99)
-    for pad in (PAD, pad_named("plane")):
+    for pad in (PAD, resolve_pad("plane")):
         check_inside(pad, Population.fingertip(finger=pad.finger))
         check_inside(pad, Population.grid(half_width_mm=7.0, half_length_mm=12.0))
 
@@ -199,7 +201,7 @@ def test_a_population_that_is_damaged_is_refused_or_has_another_cell(tmp_path):
         damaged[position] ^= 1 << int(rng.integers(7))
         path.write_bytes(damaged)
         try:
-            again = Population.read(path)
+            again = Population.from_table(path)
         except (FembridgeError, FembridgeWarning):
             continue
         assert len(again) == len(units)
@@ -211,17 +213,52 @@ def test_a_population_that_is_damaged_is_refused_or_has_another_cell(tmp_path):
 
 
 def test_words_name_a_population():
-    assert len(population_named("grid:step_mm=2,half_width_mm=4,half_length_mm=2", QUICK)) == 45
-    line = population_named("line:along=x,step_mm=0.5,half_length_mm=1", QUICK)
+    assert len(resolve_population("grid:step_mm=2,half_width_mm=4,half_length_mm=2", QUICK)) == 45
+    line = resolve_population("line:along=x,step_mm=0.5,half_length_mm=1", QUICK)
     assert_allclose(line.x_mm[:5], [-1, -0.5, 0, 0.5, 1])
-    assert population_named("one_each:x_mm=2", QUICK).afferent == ("SA", "RA", "PC")
+    assert resolve_population("one_each:x_mm=2", QUICK).afferent == ("SA", "RA", "PC")
     for word, named in (
         ("fingertop", "fingertip"), ("grid:step=1", "step_mm"), ("grid:step_mm=0", "steps of 0"),
         ("fingertip:seed=1_0", "'1_0'"), ("fingertip:seed=1.5", "a whole number"),
-        ("fingertip:seed=-1", "seed -1"), ("fingertip:density=nan", "'nan'"),
-        ("fingertip:density=1e308", "density 1e[+]308"),
-        ("one_each:x_mm=1e308", "x_mm is 1e[+]308"),
+        ("fingertip:seed=-1", "seed is -1"), ("fingertip:density=nan", "'nan'"),
+        ("fingertip:density=1e308", "density is 1e[+]308"),
+        ("one_each:x_mm=1e308", "x_mm of unit SA1 is 1e[+]308"),
         ("line:step_mm=1e-320", "at most 1000"), ("line:half_length_mm=inf", "'inf'"),
     ):  # fmt: skip
         with pytest.raises(UsageError, match=named):
-            population_named(word, QUICK)
+            resolve_population(word, QUICK)
+
+
+def test_units_are_selected_by_a_mask_numbers_or_a_slice_and_joined():
+    units = Population.fingertip(seed=2)
+    right = units[units.x_mm > 0]
+    assert (right.x_mm > 0).all() and 0 < len(right) < len(units)
+    joined = right + units[units.x_mm <= 0]
+    assert sorted(joined.unit) == sorted(units.unit)
+    order = [joined.unit.index(name) for name in units.unit]
+    frame = joined[order].to_frame()
+    pandas.testing.assert_frame_equal(frame, units.to_frame())
+    assert units[3:5].unit == units[[3, 4]].unit == units.unit[3:5]
+    assert units[-1].unit == units.unit[-1:]
+    for rows in (np.zeros(len(units), dtype=bool), [len(units)], units.x_mm[:3] > 0):
+        with pytest.raises(UsageError):
+            units[rows]
+    for other in (units, Population.one_each().with_endings(0.0)):
+        with pytest.raises(UsageError):
+            units + other
+
+
+def test_units_of_one_class_are_placed_by_its_name():
+    assert Population.at("SA", 0.5, -1).to_frame().iloc[0].tolist()[:4] == ["SA1", "SA", 0.5, -1.0]
+    assert Population.at("RA", [0, 1], [2, 3]).unit == ("RA1", "RA2")
+
+
+def test_a_population_is_the_same_from_a_table_and_from_its_file(tmp_path):
+    units = Population.fingertip(seed=2)[::50]
+    units.write(tmp_path / "units.csv")
+    from_frame = resolve_population(units.to_frame(), QUICK)
+    for other in (from_frame, resolve_population(str(tmp_path / "units.csv"), QUICK)):
+        assert other.to_table() == units.to_table() and other.layer == units.layer
+    assert repr(from_frame).startswith("Population(18 units: ")
+    with pytest.raises(TableError):
+        resolve_population(units.to_frame().drop(columns="afferent"), QUICK)

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from fembridge.errors import FembridgeError, FembridgeWarning, UsageError
 from fembridge.touching.png import MAX_PIXELS
-from fembridge.touching.shape import Shape, shape_named
+from fembridge.touching.shape import Shape, resolve_shape
 
 
 def heights(shape, *places):
@@ -56,14 +56,14 @@ def test_a_picture_is_raised_where_it_is_white(tmp_path):
     picture = np.zeros((20, 30))
     picture[:5] = 1.0  # the upper edge: towards the tip
     imsave(tmp_path / "edge.png", picture, cmap="gray", vmin=0, vmax=1)
-    shape = shape_named(str(tmp_path / "edge.png"), pixel_mm=0.1, relief_mm=0.3)
+    shape = resolve_shape(str(tmp_path / "edge.png"), pixel_mm=0.1, relief_mm=0.3)
     assert_allclose(heights(shape, (0, 0.9), (1.2, 0.7), (0, 0)), [0, 0, 0.3], atol=1e-6)
     assert np.isposinf(heights(shape, (0, 1.2), (1.7, 0))).all()
 
 
 def test_a_table_of_heights_may_have_holes(tmp_path):
     (tmp_path / "map.csv").write_text("0.1,0.2,0.3\n0.1,,0.3\n0.1,0.2,0.3\n")
-    shape = shape_named(str(tmp_path / "map.csv"), pixel_mm=1.0)
+    shape = resolve_shape(str(tmp_path / "map.csv"), pixel_mm=1.0)
     assert_allclose(heights(shape, (1, 1), (-1, 0), (0.5, 1)), [0, 0.2, 0.05])
     assert np.isposinf(heights(shape, (0, 0))).all()
 
@@ -89,7 +89,7 @@ def test_a_table_of_heights_may_have_holes(tmp_path):
 def test_a_file_that_is_no_height_map_gets_a_line(tmp_path, name, content, named):
     (tmp_path / name).write_text(content, newline="")
     with pytest.raises(UsageError, match=named):
-        shape_named(str(tmp_path / name), pixel_mm=0.1)
+        resolve_shape(str(tmp_path / name), pixel_mm=0.1)
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
@@ -98,7 +98,7 @@ def test_a_table_of_heights_of_any_program_is_read(tmp_path, separator, line_end
     path = tmp_path / "map.csv"
     rows = [["0.1", " 2e-1", "nan"], ["", "", ""], [" .3", "", "-1"]]
     path.write_text("\ufeff" + line_end.join(map(separator.join, rows)) + line_end, newline="")
-    shape = shape_named(str(path), pixel_mm=1.0)
+    shape = resolve_shape(str(path), pixel_mm=1.0)
     x, z = np.meshgrid([-1.0, 0.0, 1.0], [1.0, 0.0, -1.0])
     blank_line = separator == "\t"  # tabs alone
     expected = [[0.2, 0.1, math.inf], [math.inf] * 3, [0.0, math.inf, 1.3]]
@@ -111,7 +111,7 @@ def test_a_table_of_heights_of_any_program_is_read(tmp_path, separator, line_end
 def test_a_table_of_heights_that_may_be_cut_in_its_last_number_is_named(tmp_path):
     (tmp_path / "map.csv").write_text("0.1,0.2\n0.1,0.2")
     with pytest.warns(FembridgeWarning, match="map.csv: no line end"):
-        shape_named(str(tmp_path / "map.csv"), pixel_mm=1.0)
+        resolve_shape(str(tmp_path / "map.csv"), pixel_mm=1.0)
 
 
 def test_rows_and_columns_of_a_table_are_counted_before_memory_is_taken(tmp_path, monkeypatch):
@@ -119,7 +119,7 @@ def test_rows_and_columns_of_a_table_are_counted_before_memory_is_taken(tmp_path
     for row, count in (("," * 600 + "1\n", 2), ("1,1\n", 600)):
         (tmp_path / "map.csv").write_text(row * count)
         with pytest.raises(UsageError, match=f"{count} x .* heights, expected at most 1000"):
-            shape_named(str(tmp_path / "map.csv"), pixel_mm=0.1)
+            resolve_shape(str(tmp_path / "map.csv"), pixel_mm=0.1)
 
 
 # ---- PNG
@@ -237,14 +237,14 @@ def test_a_picture_that_is_too_large_is_refused_from_its_header(tmp_path):
         ("bar:width_mm=wide", "wide"),
         ("punch:diameter_mm=0", "diameter_mm"),
         ("punch:diameter_mm=nan", "'nan', expected a number"),
-        ("punch:diameter_mm=1e308", "1e[+]308, expected 0.01 to 200"),
+        ("punch:diameter_mm=1e308", "1e[+]308, expected a number from 0.01 to 200"),
         ("punch:diameter_mm=1e999", "'1e999', expected a number"),
         ("bar:width_mm=1_0", "'1_0', expected a number"),
         ("bar:width_mm=\u0661", "expected a number"),
         ("bar:width_mm=1,width_mm=2", "twice"),
         ("dots:columns=1.5", "a whole number"),
         ("dots:columns=-1", "columns is -1"),
-        ("dots:rows=" + "9" * 30, "rows is 1e[+]30"),
+        ("dots:rows=" + "9" * 30, "rows is 9999999"),
         ("cylinder:length_mm=-1", "length_mm is -1"),
         ("braille:text=" + "a" * 1001, "1001 letters"),
         ("braille:text= ", "without a letter"),
@@ -257,7 +257,7 @@ def test_a_picture_that_is_too_large_is_refused_from_its_header(tmp_path):
 )
 def test_a_word_that_is_no_shape_names_what_is_near(word, named):
     with pytest.raises(UsageError, match=named):
-        shape_named(word)
+        resolve_shape(word)
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf, 1e308])
@@ -268,9 +268,9 @@ def test_a_number_that_is_no_size_or_place_is_refused_from_python_too(number):
         lambda: Shape.punch().rotated(number),
         lambda: Shape.punch().moved(number, 0.0),
         lambda: Shape.punch().moved(0.0, number),
-        lambda: Shape.of_grid(np.eye(3), number),
-        lambda: Shape.of_grid(number * np.ones((3, 3)), 0.1),
-        lambda: shape_named("dots:spacing_mm=2").rotated(number),
+        lambda: Shape.from_heights(np.eye(3), number),
+        lambda: Shape.from_heights(number * np.ones((3, 3)), 0.1),
+        lambda: resolve_shape("dots:spacing_mm=2").rotated(number),
     ):
         with pytest.raises(UsageError):
             make()
@@ -280,16 +280,17 @@ def test_a_number_that_is_no_size_or_place_is_refused_from_python_too(number):
 
 
 @pytest.mark.parametrize(
-    ("word", "sizes", "named"),
+    ("word", "sizes", "argument"),
     [
-        ("punch", {"pixel_mm": 0.1}, "--pixel-mm"),
-        ("letters:text=a", {"relief_mm": 0.1}, "--relief-mm"),
-        ("map.csv", {"pixel_mm": 0.1, "relief_mm": 0.1}, "--relief-mm"),
+        ("punch", {"pixel_mm": 0.1}, "pixel_mm"),
+        ("letters:text=a", {"relief_mm": 0.1}, "relief_mm"),
+        ("map.csv", {"pixel_mm": 0.1, "relief_mm": 0.1}, "relief_mm"),
     ],
 )
-def test_a_size_that_a_shape_does_not_use_is_refused(word, sizes, named):
-    with pytest.raises(UsageError, match=named):
-        shape_named(word, **sizes)
+def test_a_size_that_a_shape_does_not_use_is_refused(word, sizes, argument):
+    with pytest.raises(UsageError) as error:
+        resolve_shape(word, **sizes)
+    assert error.value.argument == argument
 
 
 def test_a_long_text_in_braille_has_the_dots_of_each_letter():
@@ -312,12 +313,12 @@ def test_a_dollar_is_a_letter_and_no_formula():
 
 
 def test_words_name_the_sizes_of_a_shape():
-    assert_allclose(heights(shape_named("bar:width_mm=2,length_mm=3"), (1.4, 0.9)), [0])
-    assert shape_named("letters:text=Ab,size_mm=4").name == "letters 'Ab'"
-    assert heights(shape_named("letters:text=I,size_mm=4"), (0, 0), (0, 1.5)).max() == 0
+    assert_allclose(heights(resolve_shape("bar:width_mm=2,length_mm=3"), (1.4, 0.9)), [0])
+    assert resolve_shape("letters:text=Ab,size_mm=4").name == "letters 'Ab'"
+    assert heights(resolve_shape("letters:text=I,size_mm=4"), (0, 0), (0, 1.5)).max() == 0
 
 
-def test_a_drawing_works_at_the_first_try_in_ink_on_paper_and_on_nothing(tmp_path):
+def test_a_drawing_works_at_the_first_try_in_ink_on_paper_and_on_nothing(tmp_path, logged):
     """The same dot: white on black, black on white, and in ink on a transparent sheet."""
     from matplotlib.image import imsave
 
@@ -328,17 +329,16 @@ def test_a_drawing_works_at_the_first_try_in_ink_on_paper_and_on_nothing(tmp_pat
     imsave(tmp_path / "chalk.png", dot, cmap="gray")
     imsave(tmp_path / "paper.png", 1 - dot, cmap="gray")
     imsave(tmp_path / "nothing.png", ink)
-    said = []
     chalk, paper, nothing = (
-        Shape.read(tmp_path / f"{name}.png", 0.1, relief, said.append)
+        Shape.read(tmp_path / f"{name}.png", 0.1, relief)
         for name, relief in (("chalk", 0.5), ("paper", -0.5), ("nothing", 0.5))
     )
-    assert not said
+    assert not logged
     x, z = np.meshgrid(np.linspace(-1.9, 1.9, 30), np.linspace(-1.9, 1.9, 30))
     assert_allclose(paper.height_mm(x, z), chalk.height_mm(x, z))
     assert_allclose(nothing.height_mm(x, z), chalk.height_mm(x, z))
-    Shape.read(tmp_path / "paper.png", 0.1, 0.5, said.append)
-    assert "--relief-mm -0.5" in said[0]
+    Shape.read(tmp_path / "paper.png", 0.1, 0.5)
+    assert "--relief-mm -0.5" in logged[0]
 
 
 def test_a_table_of_heights_that_is_damaged_is_refused_or_has_another_number_in_one_cell(tmp_path):

@@ -6,39 +6,49 @@ import sys
 from dataclasses import replace
 
 import numpy as np
+import pandas
 import pytest
+from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
 
 import fembridge as fb
 from decks.stimuli import resolve
-from decks.waveform import make_stimulus
-from fembridge.errors import FembridgeWarning, TableError, UsageError
+from decks.synthesis import make_stimulus
+from fembridge.errors import (
+    FembridgeWarning,
+    ResponseError,
+    ResultError,
+    UsageError,
+)
 from fembridge.response.response_map import FOLDER, read_map, write_map
-from fembridge.results.stress import von_mises_pa as tensor_von_mises
-from fembridge.touching.contact import TIP_RADIUS_MM, press_to, skin_nodes
-from fembridge.touching.pad_file import pad_named
+from fembridge.results.von_mises import von_mises_pa as tensor_von_mises
+from fembridge.touching.contact import press_to
+from fembridge.touching.pad_file import resolve_pad
 from fembridge.touching.population import Population
-from fembridge.touching.shape import Shape
+from fembridge.touching.prism_pad import TIP_RADIUS_MM
+from fembridge.touching.shape import Shape, resolve_shape
 from fembridge.touching.stress import SA_NU, driving_stress_pa, pad_response, sa_stress_pa
 from fembridge.touching.touch import touch_skin
-from fembridge.touching.way import Pins, Way, read_pins
+from fembridge.touching.trajectory import Trajectory
 from neural import parameter_set
 
-PAD = pad_named("reference")
-FITTED = parameter_set("fitted").parameters
+PAD = resolve_pad("reference")
+FITTED = parameter_set("fitted")
 ONE = Population.one_each()
+BRIEF = Trajectory.press(press_um=200, hold_ms=5)
 
 
 def way(word, preindent_um=75.0):
     [entry] = resolve([word])
-    return Way.of_stimulus(make_stimulus(entry, preindent_um=preindent_um))
+    return Trajectory.from_waveform(make_stimulus(entry, preindent_um=preindent_um))
 
 
 def touch_pins(wave, *x_mm):
     """Pins of 1 mm side by side, all with one waveform."""
-    depth_um = np.repeat(wave.pressed[:, None], len(x_mm), 1)
-    pins = Pins(tuple((x, 0.0, 1.0) for x in x_mm), depth_um)
-    return touch_skin(PAD, None, Way.of_pins(pins, wave.dt_ms, wave.window_ms), ONE, FITTED)
+    table = pandas.DataFrame({"x_mm": x_mm, "z_mm": 0.0, "diameter_mm": 1.0})
+    depth_um = np.repeat(wave.level[:, None], len(x_mm), 1)
+    pins = Trajectory.from_pins(table, depth_um, dt_ms=wave.dt_ms)
+    return touch_skin(PAD, None, pins, ONE, FITTED)
 
 
 def test_depths_solved_once_answer_as_every_sample_solved_alone():
@@ -65,10 +75,10 @@ def test_pins_far_apart_do_not_know_of_each_other_and_near_ones_share():
 def test_a_plate_that_slides_without_friction_is_a_plate_at_rest():
     units = Population.line(step_mm=1.0, half_length_mm=3.0)
     slid = touch_skin(
-        PAD, Shape.plate(), Way.slide(40.0, press_um=200, duration_ms=50), units, FITTED,
+        PAD, Shape.plate(), Trajectory.slide(40.0, press_um=200, duration_ms=50), units, FITTED,
         friction=0.0,
     )  # fmt: skip
-    held = touch_skin(PAD, Shape.plate(), Way.hold(press_um=200), units, FITTED)
+    held = touch_skin(PAD, Shape.plate(), Trajectory.press(press_um=200), units, FITTED)
     assert_allclose(slid.stress_pa[50], held.stress_pa[500], rtol=1e-3)
     assert np.ptp(slid.stress_pa, axis=0).max() <= 1e-4 * slid.stress_pa.max()
 
@@ -79,8 +89,8 @@ def test_a_path_that_hardly_moves_still_presses_as_its_depth_says(tmp_path, way_
     path.write_text(
         f"time_ms,x_mm,z_mm,depth_um\n0,0,0,100\n50,0,{way_mm / 2},300\n100,0,{way_mm},0\n"
     )
-    slow = touch_skin(PAD, Shape.punch(1.0), Way.read(path), ONE, FITTED, friction=0.0)
-    held = touch_skin(PAD, Shape.punch(1.0), Way.hold(press_um=300), ONE, FITTED)
+    slow = touch_skin(PAD, Shape.punch(1.0), Trajectory.from_table(path), ONE, FITTED, friction=0.0)
+    held = touch_skin(PAD, Shape.punch(1.0), Trajectory.press(press_um=300), ONE, FITTED)
     depth_um = [100.0, 200.0, 300.0, 0.0]
     assert_allclose(slow.depth_um[[0, 50, 100, 200]], depth_um, atol=0.1)
     n_at = np.interp(depth_um, held.depth_um[:200], held.force_n[:200])
@@ -90,14 +100,19 @@ def test_a_path_that_hardly_moves_still_presses_as_its_depth_says(tmp_path, way_
 def test_a_path_is_the_slide_that_it_describes(tmp_path):
     path = tmp_path / "path.csv"
     path.write_text("time_ms,x_mm,z_mm,depth_um\n0,0,2,150\n100,0,-2,150\n")
-    slide = Way.slide(40.0, press_um=150, duration_ms=100, start_mm=(0.0, 2.0))
+    slide = Trajectory.slide(40.0, press_um=150, duration_ms=100)
+    ball = Shape.sphere(3.0)
     results = [
-        touch_skin(PAD, Shape.sphere(3.0), one, ONE, FITTED) for one in (slide, Way.read(path))
+        touch_skin(PAD, shape, trajectory, ONE, FITTED)
+        for shape, trajectory in (
+            (ball.moved(0.0, 2.0), slide),
+            (ball, Trajectory.from_table(path)),
+        )
     ]
     assert_allclose(results[0].stress_pa, results[1].stress_pa, rtol=1e-3, atol=1.0)
     turned = tmp_path / "turned.csv"
     turned.write_text("time_ms,x_mm,z_mm,depth_um\n0,0,2,150\n50,0,0,150\n100,2,0,150\n")
-    curved = touch_skin(PAD, Shape.sphere(3.0), Way.read(turned), ONE, FITTED)
+    curved = touch_skin(PAD, Shape.sphere(3.0), Trajectory.from_table(turned), ONE, FITTED)
     assert_allclose(curved.stress_pa[:60], results[1].stress_pa[:60], rtol=0.05, atol=200.0)
 
 
@@ -106,7 +121,8 @@ def test_friction_shears_the_skin_to_the_other_side_when_the_way_is_turned():
     there, back = (
         touch_skin(
             PAD, Shape.plate(),
-            Way.slide(20.0, press_um=300, duration_ms=20, direction_deg=angle), units, FITTED,
+            Trajectory.slide(20.0, press_um=300, duration_ms=20, direction_deg=angle),
+            units, FITTED,
         )
         for angle in (90.0, -90.0)
     )  # fmt: skip
@@ -117,96 +133,208 @@ def test_friction_shears_the_skin_to_the_other_side_when_the_way_is_turned():
 
 
 def test_rates_count_the_spikes_of_the_window():
-    result = fb.touch("sphere:diameter_mm=6", press_n=0.1, population="line:step_mm=1", repeats=3)
+    result = fb.touch("sphere:diameter_mm=6", press_n=0.1, population="line:step_mm=1", trials=3)
     counts = result.spikes.groupby("unit").size().reindex(list(result.population.unit)).fillna(0)
-    seconds = (result.way.window_ms[1] - result.way.window_ms[0]) / 1000
+    seconds = (result.trajectory.window_ms[1] - result.trajectory.window_ms[0]) / 1000
     assert_allclose(result.rates["rate_ips"], counts.to_numpy() / seconds / 3)
-    assert set(result.spikes["repeat"]) == {1, 2, 3}
+    assert set(result.spikes["trial"]) == {1, 2, 3}
     assert_allclose(result.force_n.max(), 0.1, rtol=1e-6)
     assert result.spikes["spike_time_ms"].gt(0).all()
     assert (
-        result.solved.nodes.x_mm.size
-        == result.solved.forces_n.shape[1]
-        <= skin_nodes(PAD).x_mm.size
+        result.contact.nodes.x_mm.size
+        == result.contact.forces_n.shape[1]
+        <= PAD.skin_nodes().x_mm.size
     )
 
 
+SLIDE = Trajectory.slide(20, press_um=100, duration_ms=50)
+WAVE = {"stimulus": "sine_20_250"}
+
+
 @pytest.mark.parametrize(
-    ("arguments", "named"),
+    ("arguments", "argument"),
     [
-        ({}, "press_um"),
-        ({"press_um": 100, "press_n": 1.0}, "one of both"),
-        ({"press_um": 100, "at_mm": (30.0, 0.0)}, "beside the pad"),
-        ({"press_um": 100, "stimulus": "sine_20_250"}, "stimulus"),
-        ({"stimulus": "sine_20"}, "12"),
-        ({"press_n": 19.0}, "2000"),
-        ({"press_um": 100, "seed": -1}, "seed is -1"),
-        ({"press_um": 100, "seed": 1.5}, "seed is 1.5"),
-        ({"press_um": 100, "repeats": 0}, "repeats is 0"),
-        ({"press_um": 100, "repeats": 2.0}, "repeats is 2.0"),
-        ({"press_um": 100, "noise_mv": "much"}, "noise_mv is 'much'"),
-        ({"stimulus": "sine_20_250", "preindent_um": 1e9}, "preindent_um is"),
-        ({"stimulus": "sine_20_250", "preindent_um": np.nan}, "preindent_um is nan"),
+        ({}, "trajectory"),
+        ({"press_um": 100, "press_n": 1.0}, "press_n"),
+        ({"press_um": 100, "stimulus": "sine_20_250"}, "press_um"),
+        ({"press_um": 100, "trajectory": SLIDE}, "press_um"),
+        ({"trajectory": "slide"}, "trajectory"),
+        ({"stimulus": "sine_20"}, "stimulus"),
+        ({"press_um": 100, "seed": -1}, "seed"),
+        ({"press_um": 100, "seed": 1.5}, "seed"),
+        ({"press_um": 100, "trials": 0}, "trials"),
+        ({"press_um": 100, "trials": 2.5}, "trials"),
+        ({"press_um": 100, "noise_mv": "much"}, "noise_mv"),
+        ({"press_um": 100, "noise_mv": -1.0}, "noise_mv"),
+        ({**WAVE, "preindent_um": 1e9}, "preindent_um"),
+        ({**WAVE, "preindent_um": np.nan}, "preindent_um"),
+        ({"press_um": 100, "preindent_um": 10}, "preindent_um"),
+        ({"trajectory": SLIDE, "preindent_um": 10}, "preindent_um"),
         *(
-            ({"slide_mm_per_s": 20, "press_um": 100, "friction": friction}, "friction is")
+            ({"trajectory": SLIDE, "friction": friction}, "friction")
             for friction in (np.nan, np.inf, 1e308, -0.1)
         ),
-        *(
-            ({"press_um": 100, name: value}, name.partition("_")[0])
-            for name in ("noise_mv", "ramp_ms", "hold_ms", "slide_mm_per_s")
-            for value in (np.nan, np.inf, 1e308, -1.0)
-        ),
-        *(
-            ({"press_um": 100, "slide_mm_per_s": 20, "duration_ms": value}, "slides for")
-            for value in (np.nan, np.inf, 1e308, -1.0)
-        ),
+        ({"press_um": 100, "friction": 0.4}, "friction"),
+        ({**WAVE, "friction": 0.4}, "friction"),
+        ({"press_um": 100, "population": 3}, "population"),
+        ({"press_um": 100, "pad": 3}, "pad"),
+        ({"press_um": 100, "pad": "nobody"}, "pad"),
     ],
 )
-def test_what_means_nothing_is_refused(arguments, named):
-    with pytest.raises(UsageError, match=named):
-        fb.touch("punch", population="one_each", **arguments)
-
-
-PRESSED, SLID = {"press_um": 100}, {"press_um": 100, "slide_mm_per_s": 20}
-WAVE, PATH, PINS = {"stimulus": "sine_20_250"}, {"path": "path.csv"}, {"pins": "pins.csv"}
+def test_an_argument_that_is_wrong_or_unused_is_named(arguments, argument):
+    with pytest.raises(UsageError) as error:
+        fb.touch("punch", **{"population": "one_each", **arguments})
+    assert error.value.argument == argument
 
 
 @pytest.mark.parametrize(
-    ("chosen", "unused"),
-    [
-        (PRESSED, {"preindent_um": 10, "friction": 0.4, "direction_deg": -90, "duration_ms": 1000}),
-        (PRESSED, {"pixel_mm": 0.1, "relief_mm": 0.5}),
-        (SLID, {"preindent_um": 10, "ramp_ms": 50, "hold_ms": 500}),
-        (WAVE, {"friction": 0.4, "ramp_ms": 50, "hold_ms": 500, "duration_ms": 1000}),
-        (PATH, {"ramp_ms": 50, "hold_ms": 500, "direction_deg": 0, "preindent_um": 0}),
-        (PINS, {"at_mm": (0, 0), "angle_deg": 0, "shape": "bar", "friction": 0.4, "hold_ms": 500}),
-        (PINS, {"pixel_mm": 0.1, "duration_ms": 1000, "press_um": 100}),
-    ],
+    ("unused", "argument"),
+    [({"shape": "bar"}, "shape"), ({"at_mm": (1, 0)}, "at_mm"), ({"angle_deg": 5}, "angle_deg")],
 )
-def test_an_argument_that_the_chosen_way_does_not_use_is_refused(
-    tmp_path, monkeypatch, chosen, unused
-):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "pins.csv").write_text("x_mm,z_mm,diameter_mm,stimulus\n0,0,1,sine_20_250\n")
-    (tmp_path / "path.csv").write_text("time_ms,x_mm,z_mm,depth_um\n0,0,0,100\n20,0,1,100\n")
-    fb.touch(population="one_each", **chosen)
-    for name, value in unused.items():
-        with pytest.raises(UsageError, match="pins|" + name):
-            fb.touch(population="one_each", **chosen, **{name: value})
+def test_pins_have_no_shape_besides(unused, argument):
+    table = pandas.DataFrame({"x_mm": [0.0], "z_mm": [0.0], "diameter_mm": [1.0]})
+    pins = Trajectory.from_pins(table, np.full((100, 1), 50.0))
+    with pytest.raises(UsageError) as error:
+        fb.touch(trajectory=pins, population="one_each", **unused)
+    assert error.value.argument == argument
 
 
-def test_a_relief_of_heights_in_millimetres_is_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("sizes", "argument"), [({}, "pixel_mm"), ({"pixel_mm": 1.0, "relief_mm": 0.5}, "relief_mm")]
+)
+def test_a_height_map_needs_its_pixel_and_a_table_of_heights_no_relief(tmp_path, sizes, argument):
     (tmp_path / "map.csv").write_text("0,1\n1,0\n")
-    with pytest.raises(UsageError, match="relief_mm"):
-        fb.touch(str(tmp_path / "map.csv"), pixel_mm=1.0, relief_mm=0.5, press_um=100)
+    with pytest.raises(UsageError) as error:
+        resolve_shape(str(tmp_path / "map.csv"), **sizes)
+    assert error.value.argument == argument
 
 
-def test_pins_with_a_word_that_is_no_stimulus_name_the_line(tmp_path):
-    path = tmp_path / "pins.csv"
-    path.write_text("x_mm,z_mm,diameter_mm,stimulus\n0,0,1,sine_20_250\n1,0,1,sine_20\n")
-    with pytest.raises(TableError) as error:
-        read_pins(path)
-    assert error.value.line == 3
+def test_a_force_that_is_too_large_and_a_shape_beside_the_pad_are_refused():
+    with pytest.raises(UsageError, match="2000"):
+        fb.touch(press_n=19.0, population="one_each")
+    with pytest.raises(UsageError, match="beside the pad"):
+        fb.touch(press_um=100, at_mm=(30.0, 0.0), population="one_each")
+
+
+# ---- One rule of pre-indentation, and parameters of other mechanics
+
+
+def test_a_waveform_is_preindented_by_one_rule_in_every_form(tmp_path):
+    """A Stimulus, an array, a table, a file and a trajectory of one waveform give one touch."""
+    depth_um = 100 * np.sin(np.pi * np.arange(101) / 100) ** 2
+    wave = fb.Waveform(depth_um, dt_ms=0.5, name="wave")
+    table = pandas.DataFrame({"time_ms": 0.5 * np.arange(101), "displacement_um": depth_um})
+    table.to_csv(tmp_path / "wave.csv", index=False)
+    [stimulus] = wave.stimuli()
+    forms = [{"stimulus": form} for form in (stimulus, wave, table, str(tmp_path / "wave.csv"))] + [
+        {"trajectory": Trajectory.from_waveform(stimulus)}
+    ]
+    touches = [fb.touch(population="one_each", **form) for form in forms]
+    for touched in touches:
+        assert touched.trajectory.preindent_um == 75.0
+        assert_allclose(touched.depth_um, 75.0 + depth_um, atol=1e-5)
+    with pytest.warns(FembridgeWarning, match="here: 10 um"):
+        explicit = fb.touch(stimulus=wave, preindent_um=10.0, population="one_each")
+    assert_allclose(explicit.depth_um, 10.0 + depth_um, atol=1e-5)
+    [deeper] = wave.stimuli(preindent_um=20.0)
+    with pytest.warns(FembridgeWarning, match="here: 20 um"):
+        kept = fb.touch(stimulus=deeper, preindent_um=20.0, population="one_each")
+    assert_allclose(kept.depth_um, 20.0 + depth_um, atol=1e-5)
+
+
+def test_pins_are_preindented_by_the_same_rule():
+    table = pandas.DataFrame({"x_mm": [0.0, 1.5], "z_mm": 0.0, "diameter_mm": 1.0})
+    depth_um = np.stack([np.linspace(0, 100, 201), np.full(201, 50.0)], -1)
+    touched = fb.touch(trajectory=Trajectory.from_pins(table, depth_um), population="one_each")
+    assert_allclose(touched.trajectory.pins.depth_um, depth_um + np.array([75.0, 0.0]), atol=1e-5)
+    named = Trajectory.from_pins(table.assign(stimulus="sine_20_250"), preindent_um=75.0)
+    later = Trajectory.from_pins(table.assign(stimulus="sine_20_250")).preindented(75.0)
+    assert_allclose(named.pins.depth_um, later.pins.depth_um, atol=1e-5)
+
+
+def test_parameters_of_other_mechanics_warn_in_a_touch_and_in_a_field():
+    with pytest.warns(FembridgeWarning, match="fitted was fitted"):
+        fb.touch("punch", BRIEF, parameters="fitted", population="one_each")
+    with pytest.warns(FembridgeWarning, match="fitted was fitted"):
+        fb.receptive_field("SA", depth_um=[200], step_mm=2.0, parameters="fitted")
+    with pytest.warns(FembridgeWarning, match="pre-indentation of 75 um"):
+        fb.touch(**WAVE, preindent_um=10.0, population="one_each")
+
+
+# ---- The result as an object and as files
+
+
+@pytest.mark.parametrize("kind", ["press", "slide", "pins"])
+def test_a_touch_is_read_back_as_it_was_written(tmp_path, kind):
+    table = pandas.DataFrame({"x_mm": [0.0, 1.5], "z_mm": 0.0, "diameter_mm": 1.0})
+    table["stimulus"] = ["sine_20_250", "sine_40_100"]
+    trajectory = {
+        "press": BRIEF,
+        "slide": Trajectory.slide(40, press_n=0.1, duration_ms=60),
+        "pins": Trajectory.from_pins(table),
+    }[kind]
+    units = Population.line(step_mm=1.0).with_endings(0.5, sa_von_mises=True)
+    touched = fb.touch(trajectory=trajectory, population=units, trials=2, noise_mv=0.5, seed=4)
+    touched.write(tmp_path / "touch")
+    again = fb.Touch.read(tmp_path / "touch")
+    for name in ("rates", "spikes", "samples"):
+        pandas.testing.assert_frame_equal(getattr(again, name), getattr(touched, name))
+    assert again.provenance == touched.provenance
+    assert_allclose(again.stress_of([0, 3]), touched.stress_of([0, 3]), rtol=1e-12)
+    again.write(tmp_path / "again")
+    for path in (tmp_path / "touch").glob("*.csv"):
+        assert path.read_bytes() == (tmp_path / "again" / path.name).read_bytes()
+
+
+def test_files_of_another_touch_are_refused(tmp_path):
+    for folder, depth_um in (("a", 100), ("b", 200)):
+        fb.touch(press_um=depth_um, population="one_each").write(tmp_path / folder)
+    whole = (tmp_path / "a" / "contact.npz").read_bytes()
+    (tmp_path / "a" / "contact.npz").write_bytes((tmp_path / "b" / "contact.npz").read_bytes())
+    with pytest.raises(ResultError) as error:
+        fb.Touch.read(tmp_path / "a")
+    assert error.value.path == tmp_path / "a" / "contact.npz"
+    (tmp_path / "a" / "contact.npz").write_bytes(whole[:200])
+    with pytest.raises(ResultError):
+        fb.Touch.read(tmp_path / "a")
+    with pytest.raises(ResponseError):
+        fb.Touch.read(tmp_path / "b", pad="plane")
+    (tmp_path / "b" / "touch.toml").write_text("trials = 1\n")
+    with pytest.raises(ResultError) as error:
+        fb.Touch.read(tmp_path / "b")
+    assert error.value.path == tmp_path / "b" / "touch.toml"
+
+
+def test_the_record_of_a_touch_names_all_of_its_inputs():
+    touched = fb.touch("bar:width_mm=2", press_um=100, at_mm=(0.0, 1.0), population="one_each")
+    record = touched.provenance
+    assert record["shape"] == {"name": "bar 2 x 10 mm", "x_mm": 0.0, "z_mm": 1.0, "angle_deg": 0.0}
+    assert record["trajectory"]["hold_ms"] == 500.0 and record["trajectory"]["control"] == "depth"
+    assert record["pad"]["source"] == "reference" and len(record["pad"]["sha256"]) == 64
+    assert record["parameter_set"] == "fitted_pad" and record["population"]["units"] == 3
+    other = fb.touch("bar:width_mm=2", press_um=101, population="one_each").provenance
+    assert other["trajectory"]["sha256"] != record["trajectory"]["sha256"]
+    assert other["population"] == record["population"]
+
+
+def test_a_touch_and_a_field_are_shown_in_a_few_lines():
+    touched = fb.touch(press_um=100, population="fingertip")
+    assert len(repr(touched).splitlines()) <= 5 and "RA" in repr(touched)
+    assert "<img" in touched._repr_html_()
+    field = fb.receptive_field("SA", depth_um=[200], step_mm=2.0)
+    assert len(repr(field).splitlines()) <= 5 and "<img" in field._repr_html_()
+
+
+def test_a_field_is_read_back_as_it_was_written(tmp_path):
+    field = fb.receptive_field("RA", depth_um=[100, 300], step_mm=1.0)
+    field.write(tmp_path)
+    again = fb.ReceptiveField.read(tmp_path)
+    pandas.testing.assert_frame_equal(again.areas, field.areas)
+    pandas.testing.assert_frame_equal(again.to_frame(), field.to_frame())
+    assert again.provenance == field.provenance
+    with pytest.raises(UsageError) as error:
+        fb.ReceptiveField.read(tmp_path, "SA")
+    assert error.value.argument == "afferent"
 
 
 def test_the_response_that_parameters_are_fitted_on_is_that_of_a_touch(tmp_path):
@@ -220,7 +348,7 @@ def test_the_response_that_parameters_are_fitted_on_is_that_of_a_touch(tmp_path)
         tuple(place.layer for place in response.places), np.array([x for x, _ in sites]),
         np.zeros(3), np.array([depth for _, depth in sites]), np.zeros(3),
     )  # fmt: skip
-    held = touch_skin(PAD, Shape.punch(1.0), Way.hold(press_um=300), units, FITTED)
+    held = touch_skin(PAD, Shape.punch(1.0), Trajectory.press(press_um=300), units, FITTED)
     samples = [np.abs(held.depth_um[:100] - depth).argmin() for depth in depth_um]
     expected = tensor_von_mises(tensors) / depth_um[:, None]
     # First touch is between nodes there and on one here: a micrometre or two.
@@ -236,8 +364,8 @@ def test_a_plane_pad_answers_a_cylinder_as_the_response_map_of_the_ridged_sectio
         np.array([place.x_mm for place in known.places]), np.zeros(3),
     )  # fmt: skip
     units = replace(units, endings_mm=0.0, sa_von_mises=True)
-    nodes, forces, _ = press_to(pad_named("plane"), Shape.cylinder(1.0), depth_um)
-    stress = driving_stress_pa(pad_named("plane"), nodes, forces, units)
+    nodes, forces, _ = press_to(resolve_pad("plane"), Shape.cylinder(1.0), depth_um)
+    stress = driving_stress_pa(resolve_pad("plane"), nodes, forces, units)
     ratio = stress / tensor_von_mises(known.tensors(depth_um))
     names = list(units.afferent)
     for name, least, most in (("SA", 0.98, 1.02), ("RA", 1.1, 1.2), ("PC", 1.0, 1.16)):
@@ -247,34 +375,36 @@ def test_a_plane_pad_answers_a_cylinder_as_the_response_map_of_the_ridged_sectio
 
 def test_what_touches_a_plane_pad_is_endless_and_forces_are_by_millimetre():
     """Beside a long cylinder on the prism, as far as ridges leave the deep afferent alone."""
-    one = touch_skin(pad_named("plane"), Shape.cylinder(1.0), Way.hold(press_um=200), ONE, FITTED)
+    one = touch_skin(
+        resolve_pad("plane"), Shape.cylinder(1.0), Trajectory.press(press_um=200), ONE, FITTED
+    )
     units = Population.line(step_mm=3.0, half_length_mm=3.0, afferents=("PC",))
     rod = Shape("rod", lambda x, z: Shape.cylinder(1.0).height_mm(x, z) - z**2 / 2 / TIP_RADIUS_MM)
     with pytest.warns(FembridgeWarning, match="z = 12 mm"):
-        whole = touch_skin(PAD, rod, Way.hold(press_um=200), units, FITTED)
+        whole = touch_skin(PAD, rod, Trajectory.press(press_um=200), units, FITTED)
     assert_allclose(whole.stress_pa.max(axis=0)[1], one.stress_pa.max(axis=0)[2], rtol=0.02)
-    at = whole.solved.forces_n[-1]
-    middle = np.abs(whole.solved.nodes.z_mm) < 2.1
-    per_mm = at[middle].sum() / (np.unique(whole.solved.nodes.z_mm[middle]).size * PAD.spacing_mm)
+    at = whole.contact.forces_n[-1]
+    middle = np.abs(whole.contact.nodes.z_mm) < 2.1
+    per_mm = at[middle].sum() / (np.unique(whole.contact.nodes.z_mm[middle]).size * PAD.spacing_mm)
     assert_allclose(per_mm, one.force_n.max(), rtol=0.06)
 
 
 def test_a_shape_that_never_touches_leaves_the_skin_at_rest():
-    lifted = Way("lifted", 0.5, (0.0, 50.0), -np.ones(101))
+    lifted = Trajectory(-np.ones(101), name="lifted")
     held = touch_skin(PAD, Shape.punch(1.0), lifted, ONE, FITTED)
     assert not held.stress_pa.any() and not held.force_n.any() and not held.fired.time_ms.size
 
 
 def test_contact_at_the_end_of_the_skin_warns_with_its_place():
     tilted = Shape("tilted plate", lambda x, z: np.clip(4.4 - x, 0.0, 9.0) + 0.0 * z)
-    brief = Way.hold(press_um=200, hold_ms=20)
+    brief = Trajectory.press(press_um=200, hold_ms=20)
     with pytest.warns(FembridgeWarning, match="x = 4.33 mm"):
         wide = touch_skin(PAD, tilted, brief, ONE, FITTED)
-    assert "4.33 mm" in wide.origin["note"]
+    assert "4.33 mm" in wide.provenance["warnings"][0]
     with pytest.warns(FembridgeWarning, match="z = 12 mm"):
         touch_skin(PAD, Shape.sphere().moved(0.0, 14.0), brief, ONE, FITTED)
     near = touch_skin(PAD, Shape.punch(1.0), brief, ONE, FITTED)
-    assert "note" not in near.origin
+    assert near.provenance["warnings"] == []
 
 
 @pytest.mark.parametrize(
@@ -290,7 +420,7 @@ def test_contact_at_the_end_of_the_skin_warns_with_its_place():
 @pytest.mark.parametrize("angle_deg", [0.0, 33.0])
 def test_parts_narrower_than_the_nodes_resolve_warn(shape, width, angle_deg):
     """Flat parts and the grooves between them, however they are turned."""
-    brief = {"press_um": 200, "hold_ms": 5, "population": "one_each"}
+    brief = {"trajectory": BRIEF, "population": "one_each"}
     with pytest.warns(FembridgeWarning, match="resolve 0.44 mm") as warned:
         fb.touch(shape, angle_deg=angle_deg, at_mm=(0.05, 0.13), **brief)
     [stated] = re.findall(r"about (\S+) mm wide", str(warned[0].message))
@@ -308,8 +438,10 @@ def test_parts_narrower_than_the_nodes_resolve_warn(shape, width, angle_deg):
 )  # fmt: skip
 def test_shapes_that_the_nodes_resolve_do_not_warn(shape):
     for place, press_um in (((0.0, 0.0), 50), ((0.06, 0.11), 700)):
-        brief = {"press_um": press_um, "hold_ms": 5, "population": "one_each"}
-        assert "note" not in fb.touch(shape, at_mm=place, angle_deg=20.0, **brief).origin
+        trajectory = Trajectory.press(press_um, hold_ms=5)
+        brief = {"trajectory": trajectory, "population": "one_each"}
+        touched = fb.touch(shape, at_mm=place, angle_deg=20.0, **brief)
+        assert touched.provenance["warnings"] == []
 
 
 def test_a_height_map_with_narrow_parts_warns(tmp_path):
@@ -320,17 +452,14 @@ def test_a_height_map_with_narrow_parts_warns(tmp_path):
     for heights in (stripes, points):
         np.savetxt(tmp_path / "map.csv", heights, delimiter=",")
         with pytest.warns(FembridgeWarning, match="resolve 0.44 mm"):
-            fb.touch(
-                str(tmp_path / "map.csv"), pixel_mm=0.1, press_um=200, hold_ms=5,
-                population="one_each",
-            )  # fmt: skip
+            fb.touch(Shape.read(tmp_path / "map.csv", 0.1), BRIEF, population="one_each")
 
 
 def test_more_than_a_millimetre_deep_warns_with_the_depth():
     with pytest.warns(FembridgeWarning, match=r"1100 um deep.*1000 um"):
-        fb.touch("sphere", press_um=1100, hold_ms=5, population="one_each")
+        fb.touch("sphere", Trajectory.press(1100, hold_ms=5), population="one_each")
     with pytest.warns(FembridgeWarning, match="um deep"):
-        fb.touch("braille:text=b", press_n=0.4, hold_ms=5, population="one_each")
+        fb.touch("braille:text=b", Trajectory.press(press_n=0.4, hold_ms=5), population="one_each")
 
 
 def test_a_field_warns_once_of_its_depth_and_its_probe():
@@ -340,19 +469,32 @@ def test_a_field_warns_once_of_its_depth_and_its_probe():
     assert {str(each.message).split()[0] for each in warned} == {"1500", "punch"}
 
 
-def test_pictures_are_drawn_by_name_and_others_refused():
-    touch = fb.touch(press_um=200, hold_ms=50, population="one_each")
-    assert len(fb.plot(touch).axes) > len(fb.plot(touch, "raster").axes) > 3
+def test_pictures_are_drawn_by_name_on_own_axes_and_others_refused():
+    touched = fb.touch("punch", Trajectory.press(200, hold_ms=50), population="one_each")
+    panels = {"pad": (3, 4), "raster": (4,), "psth": (3,), "isi": (3,), "force": (1,)}
+    for kind, counts in panels.items():
+        touched.plot(kind).draw_without_rendering()
+        for count in counts:
+            figure = Figure()
+            axes = [figure.add_subplot(1, count, n + 1) for n in range(count)]
+            assert touched.plot(kind, axes) is figure
+            assert all(panel.has_data() for panel in axes)
+        with pytest.raises(UsageError) as error:
+            touched.plot(kind, Figure().subplots(1, 7))
+        assert error.value.argument == "ax"
     field = fb.receptive_field("SA", depth_um=[200], step_mm=1.0)
-    fb.plot(field).draw_without_rendering()
-    for one in (touch, field):
-        with pytest.raises(UsageError, match="isi"):
-            fb.plot(one, "isi")
+    for kind, count in (("field", 2), ("area", 1)):
+        field.plot(kind).draw_without_rendering()
+        field.plot(kind, Figure().subplots(1, count)).draw_without_rendering()
+    for result in (touched, field):
+        with pytest.raises(UsageError) as error:
+            result.plot("map")
+        assert error.value.argument == "kind"
 
 
 def test_a_unit_feels_by_the_ending_that_is_driven_most_and_others_are_half_as_sensitive():
     """Against points at the nine places, one by one; a Pacinian corpuscle has one ending."""
-    way, bar = Way.hold(press_um=300, hold_ms=20), Shape.bar(1.0, 6.0).moved(0.0, 1.3)
+    way, bar = Trajectory.press(press_um=300, hold_ms=20), Shape.bar(1.0, 6.0).moved(0.0, 1.3)
     branched = touch_skin(PAD, bar, way, replace(ONE, endings_mm=1.2), FITTED)
     around = 1.2 * np.stack([(np.cos(a), np.sin(a)) for a in np.arange(8) * np.pi / 4])
     places = (0.0, 0.0), *around.tolist()
@@ -367,13 +509,13 @@ def test_a_unit_feels_by_the_ending_that_is_driven_most_and_others_are_half_as_s
     expected = points.max(axis=0)
     expected[2] = points[0, 2]
     assert_allclose(branched.stress_pa[140], expected, rtol=1e-3)
-    with pytest.raises(UsageError, match="9 mm"):
+    with pytest.raises(UsageError, match="endings_mm"):
         replace(ONE, endings_mm=9.0)
 
 
 def test_sa_fires_at_edges_several_times_more_than_on_plateaus_and_not_in_gaps_or_beside():
     """As a user gets it; and under the pin of the fit it answers as to von Mises stress."""
-    parameters = parameter_set("fitted_pad").parameters
+    parameters = parameter_set("fitted_pad")
     units = Population.line(step_mm=0.5, half_length_mm=4.0, afferents=("SA",))
     by_mises = replace(units, sa_von_mises=True)
     pin = Shape.punch(1.0), way("sine_20_129.49")
@@ -383,7 +525,7 @@ def test_sa_fires_at_edges_several_times_more_than_on_plateaus_and_not_in_gaps_o
     assert_allclose(one.rate_ips[here], other.rate_ips[here], atol=5.0)
 
     def rates(shape):
-        held = touch_skin(PAD, shape, Way.hold(press_um=1000), units, parameters)
+        held = touch_skin(PAD, shape, Trajectory.press(press_um=1000), units, parameters)
         return held.rate_ips[units.z_mm >= 0]
 
     bar, gap = rates(Shape.bar(4.0, 14.0)), rates(Shape.grating(3.0, 4.0, 2.0))
@@ -394,14 +536,14 @@ def test_sa_fires_at_edges_several_times_more_than_on_plateaus_and_not_in_gaps_o
 def test_what_sa_reads_is_pressure_and_a_share_of_tension_along_the_skin():
     rng = np.random.default_rng(3)
     influence, forces = rng.normal(size=(6, 5, 4)), rng.uniform(size=(3, 4))
-    angle = rng.uniform(-1, 1, 5)
-    normal = np.stack([np.sin(angle), np.cos(angle)], -1)
+    normal = rng.normal(size=(5, 3))
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
     found = sa_stress_pa(influence, forces, normal)
     for s in range(3):
         for u in range(5):
             xx, yy, zz, xy, yz, zx = influence[:, u] @ forces[s]
             tensor = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
-            n = np.append(normal[u], 0.0)
+            n = normal[u]
             along = n @ tensor @ n
             read = SA_NU * (np.trace(tensor) - along) - along
             assert_allclose(found[s, u], max(read, 0.0), rtol=1e-4, atol=1e-5)
@@ -471,7 +613,7 @@ def test_stress_and_spikes_do_not_depend_on_how_many_samples_are_taken_at_a_time
 ):
     """Noise too: its numbers come in the same order."""
     units = Population.line(step_mm=0.5, half_length_mm=3.0)
-    way = Way.slide(40.0, press_um=300, duration_ms=60) if scanned else way_of_sine()
+    way = Trajectory.slide(40.0, press_um=300, duration_ms=60) if scanned else way_of_sine()
     noisy = {"trials": 2, "noise_mv": 0.5, "seed": 3}
 
     def touched():
@@ -481,7 +623,7 @@ def test_stress_and_spikes_do_not_depend_on_how_many_samples_are_taken_at_a_time
     stress_pa = whole.stress_pa
     monkeypatch.setattr("neural.encoder._UNIT_NUMBERS", 3_000)
     monkeypatch.setattr("fembridge.touching.contact._STEPS_AT_ONCE", 17)
-    monkeypatch.setattr("fembridge.touching.touch._NUMBERS", 500)
+    monkeypatch.setattr("fembridge.touching.contact_history._NUMBERS_PER_BLOCK", 500)
     monkeypatch.setattr("fembridge.touching.stress._BLOCK", 20_000)
     parts = touched()
     assert whole.fired.time_ms.size > 50
@@ -495,21 +637,22 @@ def test_stress_and_spikes_do_not_depend_on_how_many_samples_are_taken_at_a_time
 def way_of_sine():
     times_ms = np.arange(401) * 0.5
     depth_um = 300 + 200 * np.sin(2 * np.pi * 0.02 * times_ms)
-    return Way("sine", 0.5, (0.0, 200.0), depth_um)
+    return Trajectory(depth_um, name="sine")
 
 
 def test_stress_larger_than_the_memory_is_refused_and_some_units_are_not(monkeypatch):
-    held = fb.touch("punch", press_um=200, hold_ms=20, population="line")
+    held = fb.touch("punch", Trajectory.press(200, hold_ms=20), population="line")
     monkeypatch.setenv("FEMBRIDGE_MEMORY", "100K")
     with pytest.raises(UsageError, match="stress of"):
         _ = held.stress_pa
-    assert held.stress_of([2]).shape == (held.way.pressed.size, 1)
+    assert held.stress_of([2]).shape == (held.trajectory.level.size, 1)
 
 
 def test_a_contact_of_too_many_steps_for_the_memory_is_refused(monkeypatch):
     monkeypatch.setenv("FEMBRIDGE_MEMORY", "10K")
     with pytest.raises(UsageError, match="contact of 101 steps"):
-        fb.touch("plate", press_um=200, slide_mm_per_s=40, duration_ms=50, population="one_each")
+        slide = Trajectory.slide(40, press_um=200, duration_ms=50)
+        fb.touch("plate", slide, population="one_each")
 
 
 @pytest.mark.slow
@@ -518,17 +661,17 @@ def test_a_touch_of_twenty_thousand_units_stays_below_two_gigabytes(duration_ms)
     program = f"""
 import resource
 import numpy as np
-from fembridge.touching.pad_file import pad_named
+from fembridge.touching.pad_file import resolve_pad
 from fembridge.touching.population import Population
-from fembridge.touching.shape import Shape
+from fembridge.touching.shape import Shape, resolve_shape
 from fembridge.touching.touch import touch_skin
-from fembridge.touching.way import Way
+from fembridge.touching.trajectory import Trajectory
 from neural import parameter_set
 times_ms = np.arange({2 * duration_ms} + 1) * 0.5
-way = Way("sine", 0.5, (0.0, times_ms[-1]), 75 + 130 * np.sin(0.04 * np.pi * times_ms))
+trajectory = Trajectory(75 + 130 * np.sin(0.04 * np.pi * times_ms))
 units = Population.fingertip(density=20_000 / 888)
-parameters = parameter_set("fitted_pad").parameters
-touch_skin(pad_named("reference"), Shape.punch(1.0), way, units, parameters)
+parameters = parameter_set("fitted_pad")
+touch_skin(resolve_pad("reference"), Shape.punch(1.0), trajectory, units, parameters)
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6)
 """
     done = subprocess.run(

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
-from opened import opened_post
+from opened import naming, opened_post
 
 from fembridge.errors import ResultError
 from fembridge.results import marc_post
@@ -189,7 +189,7 @@ BINARY_AND_TEXT = pytest.mark.parametrize("binary", [True, False])
 @pytest.fixture
 def read_in_parts(monkeypatch):
     """Let an increment of more than `SMALL_BYTES` not be compared as a whole."""
-    monkeypatch.setattr(marc_post, "_SMALL_BYTES", SMALL_BYTES)
+    monkeypatch.setattr(marc_post, "_SMALL_INCREMENT_BYTES", SMALL_BYTES)
 
 
 @pytest.fixture
@@ -493,7 +493,6 @@ def test_element_values_of_another_count_are_left_out_and_remarked(
         assert post.remarks == []
         remark = post.problem
         assert "block 52300 of increment 0" in remark
-        assert remark.endswith("left out, also in increments built in the same way")
         assert len(post.increments) == 3
         for increment in post.increments:
             assert not increment.has_element_values
@@ -511,23 +510,23 @@ def test_a_record_that_moved_inside_a_table_is_no_number(write_post):
     with opened_post(path) as post:
         assert post.problem is None
         assert_array_equal(post.element_values(0, np.array([1, 3])), element[[1, 3]])
-        with pytest.raises(ResultError, match=r"where .* is expected"):
+        with pytest.raises(ResultError, match=naming(path.name, "bytes")):
             post.element_values(0, np.array([2]))
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "shown"),
     [
-        (b"", "empty, expected a post file"),
-        (b"    1C\n", "begins with b'    1C"),
-        (b"\x89PNG\r\n\x1a\n" * 99, "begins with b'.x89PNG"),
-        (struct.pack("<i", 280) + b"j   o   b   ".ljust(280) * 2, "of Marc K7"),
-        (struct.pack(">i", 280) + b"j   o   b   ".ljust(280) * 2, "of Marc K7"),
-        (b"=beg=50100 (Analysis Title)\n", "no whole model: .*block 50100"),
-        (b"=beg=abcde (Analysis Title)\n", "no whole model: .*has no number"),
+        (b"", ()),
+        (b"    1C\n", (repr(b"    1C\n"),)),
+        (b"\x89PNG\r\n\x1a\n" * 99, ("=beg=50100",)),
+        (struct.pack("<i", 280) + b"j   o   b   ".ljust(280) * 2, ("K7",)),
+        (struct.pack(">i", 280) + b"j   o   b   ".ljust(280) * 2, ("K7",)),
+        (b"=beg=50100 (Analysis Title)\n", ("block 50100",)),
+        (b"=beg=abcde (Analysis Title)\n", ("'=beg=abcde (Analysis Title)'",)),
     ],
 )
-def test_a_foreign_file_is_named_by_what_it_begins_with(content, words, file):
+def test_a_foreign_file_is_named_by_what_it_begins_with(content, shown, file):
     path = file("job.t16", content)
-    with pytest.raises(ResultError, match=words), opened_post(path):
+    with pytest.raises(ResultError, match=naming("job.t16", *shown)), opened_post(path):
         pass

@@ -1,0 +1,1 @@
+"""What the machine gives: files and locks, cache, cores, memory, processes, terminal."""

@@ -1,0 +1,1 @@
+"""Files of our own: tables, waveforms, run folders, recordings; text of numbers."""

@@ -1,1 +1,0 @@
-"""Two reports: `verify`, is the model solved right; `validate`, does it fire like skin."""

@@ -1,0 +1,1 @@
+"""Pages: `verify` (is the model solved right), `validate` (does it fire like skin), `report`."""

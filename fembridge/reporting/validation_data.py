@@ -1,0 +1,311 @@
+"""Everything that a validation page shows: models, rates, thresholds, deflections."""
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from decks.presets import model_of, read_finger
+from decks.stimuli import CATALOGUE
+from decks.synthesis import make_stimulus
+from fembridge.errors import MissingError, UsageError, warn
+from fembridge.evidence import Facts, touchsim_rates
+from fembridge.fitting.problem import stored_source
+from fembridge.host.machine import SOLVER_INSTALL_LINE, find_ccx
+from fembridge.host.store import sha256_of, temporary_folder
+from fembridge.io.observed_rates import ObservedRates
+from fembridge.io.spike_table import Rate, SpikeTrain
+from fembridge.reporting.rate_tables import (
+    FINGERTIP,
+    OBSERVED,
+    STIMULI,
+    TOUCHSIM,
+    RateTable,
+    agreement_table,
+    held_out_table,
+    locking_table,
+    threshold_table,
+)
+from fembridge.reporting.recorded import Evidence, ModelOnResponse, gather
+from fembridge.response.deflection import Deflection, convergence, stored_deflections
+from fembridge.response.indentation import solve_response
+from fembridge.response.response_map import ResponseLike, ResponseMap, load_response
+from fembridge.simulation.simulation import Simulation, encode_all
+from fembridge.solver.mechanics import fit_mismatch
+from fembridge.trace import AFFERENTS, finger_id
+from neural import ParameterSet
+from neural.parameter_sets import DEFAULT_SET, SET_NAMES, parameter_set
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from decks.finger import Finger
+_LOGGER = logging.getLogger(__name__)
+
+ELEMENT = "CPE4"
+STORED = ("quick", "paper")
+# Largest displacement from the pre-indentation of any stimulus of the paper, noises included.
+_STROKE_UM = 300.0
+PUBLISHED_NAME, FINGERTIP_SET = "published", "fitted_pad"
+# Fig. 3 (a): 35, 130 and 250 um at 20 Hz; Appendix A has 34.74 and 129.49.
+RASTER_STIMULI = ("sine_20_34.74", "sine_20_129.49", "sine_20_250")
+TRIALS = 5
+
+_SHORT_DIGEST = 12
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedModel(ParameterSet):
+    """A parameter set, with the `source` of its numbers in one line."""
+
+    source: str = ""
+
+    def held_out(self) -> dict[str, dict[str, Any]]:
+        """Results of `fembridge fit --held-out` by class, see `held_out_table`."""
+        fit = _subtable(self.origin, "fit")
+        tables = {name: fit.get(name, {}).get("held_out") for name in AFFERENTS}
+        return {name: table for name, table in tables.items() if table}
+
+    def fit_mismatch(self, response: ResponseMap) -> str:
+        """Difference between `response` and the conditions of the fit; "" for none."""
+        table = _subtable(response.origin, "finger")
+        return fit_mismatch(self, finger_id(table) if table else {}, {self.preindent_um})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ValidationData:
+    """Inputs and results of a validation.
+
+    `models` and `simulations` have the same order: the judged model first; last `FINGERTIP`,
+    the parameters of the whole fingertip, simulated on the stored pad. `observed` is None
+    without observed rates; `left_out` are stimuli of the observed table outside the paper's 82.
+    `agreement`, `held_out`, `thresholds` and `locking` are tables of
+    `fembridge.reporting.rate_tables`; `evidence` compares the judged model with recorded afferents.
+    """
+
+    response: ResponseMap
+    models: tuple[JudgedModel, ...]
+    simulations: Mapping[str, Simulation]
+    observed: ObservedRates | None
+    left_out: tuple[str, ...]
+    rates: RateTable
+    agreement: "DataFrame"
+    held_out: "DataFrame"
+    thresholds: "DataFrame"
+    locking: "DataFrame"
+    deflections: tuple[Deflection, ...]
+    convergence: Sequence[Mapping[str, Any]]
+    evidence: Evidence
+
+    @property
+    def judged(self) -> JudgedModel:
+        """The judged model: the subject of the report."""
+        return self.models[0]
+
+    @property
+    def finger(self) -> str:
+        """Name of the finger of the response."""
+        return str(_subtable(self.response.origin, "finger").get("name", "own"))
+
+
+def compute_validation(
+    response: ResponseMap,
+    models: Sequence[JudgedModel],
+    observed: ObservedRates | None = None,
+    facts: Mapping[str, Facts] | None = None,
+    trains: Sequence[SpikeTrain] = (),
+) -> ValidationData:
+    """Results of `models` under the paper's 82 stimuli, on the response of a finger.
+
+    Parameters
+    ----------
+    response
+        Response map of the finger; must reach the depth of every stimulus.
+    models
+        The judged model first.
+    observed
+        Observed rates of any of the paper's stimuli and classes. Default: none.
+    facts
+        Evidence tables by name, instead of the published ones. Default: none.
+    trains
+        Recorded spikes, instead of the published timing and phases. Default: none.
+
+    Raises
+    ------
+    UsageError
+        `observed` has none of the paper's stimuli.
+    ResponseError
+        A stimulus goes deeper than the response.
+    """
+    from fembridge.touching.pad_file import resolve_pad
+    from fembridge.touching.stress import pad_response
+
+    left_out = _left_out(observed)
+    pad, fitted = pad_response(resolve_pad("reference")), _model(FINGERTIP_SET)
+    source = f"{FINGERTIP_SET}, under a flat 1 mm pin on the stored pad: {fitted.source}"
+    fingertip = replace(fitted, name=FINGERTIP, source=source)
+    simulations = {model.name: _simulated(model, response) for model in models}
+    simulations[FINGERTIP] = _simulated(fingertip, pad)
+    sources: dict[str, Sequence[Rate]] = {OBSERVED: observed.rates()} if observed else {}
+    sources |= {name: simulation.mean_rates for name, simulation in simulations.items()}
+    sources[TOUCHSIM] = touchsim_rates()
+    rates = RateTable(sources)
+    deflections = stored_deflections()
+    judged = models[0]
+    if mismatch := judged.fit_mismatch(response):
+        warn(mismatch)
+    return ValidationData(
+        response=response,
+        models=(*models, fingertip),
+        simulations=simulations,
+        observed=observed,
+        left_out=left_out,
+        rates=rates,
+        agreement=agreement_table(rates),
+        held_out=held_out_table(judged.held_out(), rates, judged.name),
+        thresholds=threshold_table(rates),
+        locking=locking_table(
+            rates, {name: simulation.trains for name, simulation in simulations.items()}
+        ),
+        deflections=deflections,
+        convergence=convergence(deflections),
+        evidence=gather(
+            ModelOnResponse(response, judged), ModelOnResponse(pad, fingertip), facts, trains
+        ),
+    )
+
+
+def response_of(
+    finger: "str | Finger",
+    response: "ResponseLike | None",
+    models: Sequence[JudgedModel],
+) -> ResponseMap:
+    """Response map: read from `response`, stored for a preset, or solved for a finger file.
+
+    Parameters
+    ----------
+    finger
+        ``quick``, ``paper``, a TOML file or a `Finger`; not used with `response`.
+    response
+        Response map, or its folder or file; None for that of `finger`.
+    models
+        Their deepest pre-indentation sets the depth to solve.
+
+    Raises
+    ------
+    MissingError
+        A finger file, and CalculiX is not installed.
+    """
+    if response is not None:
+        return load_response(response)
+    deepest_um = max(model.preindent_um for model in models) + _STROKE_UM
+    if isinstance(finger, str) and finger in STORED:
+        return stored_source(finger, deepest_um).response
+    loaded_finger = read_finger(finger) if isinstance(finger, str) else finger
+    pressed = replace(model_of(loaded_finger), element=ELEMENT)
+    if find_ccx() is None:
+        raise MissingError(
+            f"finger {loaded_finger.name!r} requires a solver, but ccx is not on the PATH; install "
+            f"CalculiX ({SOLVER_INSTALL_LINE}), or pass --response DIR, an output of "
+            "`fembridge simulate`"
+        )
+    with temporary_folder() as folder:
+        _, solved = solve_response(folder, pressed, deepest_um)
+    return solved
+
+
+def _simulated(model: JudgedModel, response: ResponseMap) -> Simulation:
+    stimuli = [make_stimulus(entry, model.preindent_um) for entry in CATALOGUE]
+    traces = [response.traces(stimulus, model.parameters) for stimulus in stimuli]
+    return encode_all(stimuli, traces, model.parameters, {})
+
+
+def _left_out(
+    observed: ObservedRates | None,
+) -> tuple[str, ...]:
+    if observed is None:
+        return ()
+    unknown = tuple(id_ for id_ in observed.stimuli if id_ not in STIMULI)
+    if len(unknown) == len(observed.stimuli):
+        raise UsageError(
+            f"none of the paper's {len(STIMULI)} stimuli, first stimulus: {unknown[0]}",
+            observed.path,
+        )
+    if unknown:
+        _LOGGER.info(
+            f"left out {len(unknown)} stimuli that are not in the paper's appendix: "
+            f"{', '.join(unknown)} ({observed.path})"
+        )
+    return unknown
+
+
+def judged_models(
+    source: "str | Path | ParameterSet" = DEFAULT_SET,
+) -> tuple[JudgedModel, ...]:
+    """The judged model, then the published one unless that is judged itself.
+
+    Parameters
+    ----------
+    source
+        Name of a parameter set, path of a TOML file, or a `ParameterSet`. Default: ``fitted``.
+
+    Raises
+    ------
+    UsageError
+        The model has the name of another source of rates.
+    ParameterError
+        No parameter set of that name, or a file that is missing or invalid.
+    """
+    published = _model(PUBLISHED_NAME)
+    if isinstance(source, str) and source == PUBLISHED_NAME:
+        return (published,)
+    judged = _model(source)
+    if judged.name in (OBSERVED, TOUCHSIM, PUBLISHED_NAME, FINGERTIP):
+        raise UsageError(
+            f"have the name {judged.name!r} of another source on the page; "
+            "rename the file, or set its key 'name'",
+            argument="parameters",
+        )
+    return (judged, published)
+
+
+def _subtable(origin: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """Table `name` of `origin`, empty if it is missing."""
+    table = origin.get(name)
+    return table if isinstance(table, Mapping) else {}
+
+
+def _model(name_or_file: str | Path | ParameterSet) -> JudgedModel:
+    parameters = parameter_set(name_or_file)
+    source = str(
+        _subtable(parameters.origin, "fit").get("source")
+        or f"parameter set {parameters.name!r} of fembridge"
+    )
+    if not isinstance(name_or_file, ParameterSet) and name_or_file not in SET_NAMES:
+        path = Path(name_or_file)
+        source = f"file {path.name}, SHA-256 {sha256_of(path)[:_SHORT_DIGEST]}"
+    values = {field.name: getattr(parameters, field.name) for field in fields(parameters)}
+    return JudgedModel(**values, source=source)
+
+
+def repeated_trains(simulation: Simulation) -> tuple[SpikeTrain, ...]:
+    """Five trains for each class and stimulus of the raster, numbered 1 to 5.
+
+    A population gives the trains of five cells, the most sensitive first, at equal distances
+    in rank. A model with one cell has no noise: its five trains are equal.
+    """
+    trains = []
+    for key in product(RASTER_STIMULI, AFFERENTS):
+        of_key = [train for train in simulation.trains if (train.stimulus, train.afferent) == key]
+        cells = sorted(of_key, key=lambda train: train.cell)
+        for trial in range(TRIALS):
+            times_ms = cells[trial * len(cells) // TRIALS].times_ms
+            trains.append(SpikeTrain(*key, times_ms, trial=trial + 1))
+    return tuple(trains)
+
+
+def cells_of(simulation: Simulation) -> int:
+    """Number of cells in each class of the model."""
+    return len({train.cell for train in simulation.trains})

@@ -1,0 +1,1 @@
+"""Which parameters of a finger change rates and stress, from the table of a sweep."""

@@ -1,0 +1,331 @@
+"""Contact along a trajectory: the forces on the nodes of the skin over time.
+
+Where a shape only goes in and out, the forces are a function of its depth or force: contact is
+solved at some levels and read between them, as in a response map. Where it slides, pins move on
+their own, or the skin relaxes (`fembridge.touching.relaxation`), contact is solved step by step.
+
+A slide is resolved to one node of the skin: forces, in proportion to the level, are averaged
+over the time in which the shape moves by one node. Otherwise each node that comes into contact
+would be a tap.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TypedDict
+
+import numpy as np
+
+from fembridge.errors import UsageError
+from fembridge.host.memory import check_memory
+from fembridge.touching.contact import (
+    MM_PER_UM,
+    ContactSolver,
+    PressBy,
+    press_steps,
+    press_to,
+)
+from fembridge.touching.contact_warnings import (
+    depth_warning,
+    end_warning,
+    narrow_part_mm,
+    narrow_warning,
+)
+from fembridge.touching.pad import Pad, SkinNodes
+from fembridge.touching.relaxation import Relaxation, RelaxingContact, relaxation_of
+from fembridge.touching.shape import Shape
+from fembridge.touching.trajectory import PinArray, Trajectory
+from fembridge.typing import FloatArray, IntArray, SingleArray
+
+# Levels at which contact is solved for a shape that goes in and out.
+LEVELS = 25
+# Steps that are solved while a sliding shape moves by one node, at least.
+_STEPS_PER_NODE = 8
+_MAX_STRIDE = 20
+# Numbers in double precision of which a mean over steps is taken at a time.
+_NUMBERS_PER_BLOCK = 4_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactHistory:
+    """Forces on the skin in the states that were solved.
+
+    Parameters
+    ----------
+    nodes
+        Nodes of the skin that carry a force in any state.
+    forces_n
+        Force into the skin on each node in N, ``(S, node)``.
+    total_n, depth_um
+        Force of the shape in N and its depth in um, ``(S,)``.
+    knots
+        Rising coordinate of the states, ``(S,)``: level or number of the sample.
+    position
+        Coordinate of each sample of the trajectory, ``(T,)``.
+    drag
+        Force along x and z that comes with 1 N into the skin, ``(S, 2)``; None where nothing
+        slips.
+    layer_forces_n
+        By layer, forces ``(S, node)`` whose elastic stress is that in the layer. Default: none,
+        `forces_n`; relaxing skin has others.
+    """
+
+    nodes: SkinNodes
+    forces_n: FloatArray | SingleArray
+    total_n: FloatArray
+    depth_um: FloatArray
+    knots: FloatArray
+    position: FloatArray
+    drag: FloatArray | None = None
+    layer_forces_n: Mapping[str, SingleArray] = field(default_factory=dict)
+
+    def forces_in(self, layer: str) -> FloatArray | SingleArray:
+        """Forces ``(S, node)`` in N whose elastic stress is that in a layer.
+
+        Parameters
+        ----------
+        layer
+            Layer of the finger.
+        """
+        return self.layer_forces_n.get(layer, self.forces_n)
+
+
+def solve_contact(
+    pad: Pad, shape: Shape | None, trajectory: Trajectory, friction: float
+) -> ContactHistory:
+    """Contact of `shape`, or of the pins of `trajectory`.
+
+    Parameters
+    ----------
+    pad
+        Pad that is touched.
+    shape
+        Shape at its place; None for pins.
+    trajectory
+        Depth or force, and position.
+    friction
+        Coefficient of friction of a shape that slides.
+
+    Raises
+    ------
+    UsageError
+        A shape beside the pad, too deep, or with too many nodes in contact.
+    """
+    relaxation = relaxation_of(pad)
+    if relaxation is None:
+        return _solve(pad, shape, trajectory, friction, {})
+    contact = _solve(pad, shape, trajectory, friction, _memory(relaxation, trajectory))
+    return with_layer_forces(contact, relaxation, trajectory)
+
+
+def with_layer_forces(
+    contact: ContactHistory, relaxation: Relaxation, trajectory: Trajectory
+) -> ContactHistory:
+    """A contact of every sample, with the forces of each layer of relaxing skin."""
+    copies = 1 + len(relaxation.layers)
+    check_memory(4 * contact.forces_n.size * copies, "the forces of a touch", UsageError)
+    layer_forces_n = relaxation.layer_forces_n(
+        contact.forces_n, trajectory.dt_ms, rested=_rested(trajectory)
+    )
+    return replace(contact, layer_forces_n=layer_forces_n)
+
+
+def _rested(trajectory: Trajectory) -> bool:
+    """Whether the shape has stood at its first depth before time 0; a press comes from above."""
+    return trajectory.preindent_um is not None
+
+
+class _Memory(TypedDict, total=False):
+    """Arguments of `press_steps` for skin that relaxes; none for elastic skin."""
+
+    over_time: Callable[[ContactSolver], PressBy]
+    lasting_share: float
+
+
+def _memory(relaxation: Relaxation, trajectory: Trajectory) -> _Memory:
+    def over_time(contact: ContactSolver) -> PressBy:
+        rested = _rested(trajectory)
+        return RelaxingContact(contact, relaxation, trajectory.dt_ms, rested=rested).press_by
+
+    return {"over_time": over_time, "lasting_share": relaxation.lasting_share}
+
+
+def _solve(
+    pad: Pad, shape: Shape | None, trajectory: Trajectory, friction: float, memory: _Memory
+) -> ContactHistory:
+    """Contact of elastic skin, or of skin with a memory."""
+    if trajectory.pins is not None:
+        return _press_pins(pad, trajectory, trajectory.pins, memory)
+    if shape is None:
+        raise UsageError("neither a shape nor pins", argument="shape")
+    if trajectory.slides:
+        return _slide(pad, shape, trajectory, friction, memory)
+    if memory:
+        return _press_over_time(pad, shape, trajectory, memory)
+    highest = max(float(trajectory.level.max()), 1e-9)
+    level = highest * (np.arange(LEVELS) / (LEVELS - 1)) ** 1.5
+    nodes, forces, depth_um = press_to(pad, shape, level, by_force=trajectory.by_force)
+    is_loaded = np.asarray((forces > 0).any(axis=0))
+    nodes, forces = nodes.subset(is_loaded), forces[:, is_loaded]
+    position = np.clip(trajectory.level, 0.0, highest)
+    return ContactHistory(nodes, forces, forces.sum(axis=1), depth_um, level, position)
+
+
+def _press_over_time(
+    pad: Pad, shape: Shape, trajectory: Trajectory, memory: _Memory
+) -> ContactHistory:
+    """Contact, sample by sample, of a shape that goes in and out of skin that relaxes."""
+    nodes = pad.skin_nodes()
+    gap_mm = nodes.gaps_mm(shape) - pad.first_touch_mm(shape)
+
+    def gaps_at(rows: IntArray, samples: IntArray) -> FloatArray:
+        return np.broadcast_to(gap_mm[rows], (samples.size, rows.size))
+
+    level, by_force = np.maximum(trajectory.level, 0.0), trajectory.by_force
+    steps = press_steps(nodes, gaps_at, gap_mm, level, by_force=by_force, **memory)
+    samples = np.arange(level.size, dtype=np.float64)
+    return ContactHistory(
+        steps.nodes, steps.forces_n, steps.total_n, steps.depth_um, samples, samples
+    )
+
+
+def _press_pins(
+    pad: Pad, trajectory: Trajectory, pins: PinArray, memory: _Memory
+) -> ContactHistory:
+    """Contact, sample by sample, of pins that move on their own."""
+    nodes = pad.skin_nodes()
+    pin_gaps = []
+    nearest_um = np.full(nodes.size, np.inf)
+    for (x_mm, z_mm, diameter_mm), depth_um in zip(pins.positions, pins.depth_um.T, strict=True):
+        pin = Shape.punch(diameter_mm).moved(x_mm, z_mm)
+        gap_um = (nodes.gaps_mm(pin) - pad.first_touch_mm(pin)) / MM_PER_UM
+        under = np.flatnonzero(gap_um < depth_um.max())
+        pin_gaps.append((under, gap_um[under]))
+        nearest_um[under] = np.minimum(nearest_um[under], gap_um[under] - depth_um.max())
+
+    def gaps_at(rows: IntArray, samples: IntArray) -> FloatArray:
+        overlap_um = np.full((samples.size, nodes.size), -np.inf)
+        for (under, gap_um), depth_um in zip(pin_gaps, pins.depth_um.T, strict=True):
+            pin_overlap_um = depth_um[samples, None] - gap_um
+            overlap_um[:, under] = np.maximum(overlap_um[:, under], pin_overlap_um)
+        return -overlap_um[:, rows] * MM_PER_UM
+
+    level = np.zeros(trajectory.level.size)
+    steps = press_steps(nodes, gaps_at, nearest_um * MM_PER_UM, level, **memory)
+    samples = np.arange(level.size, dtype=np.float64)
+    return ContactHistory(
+        steps.nodes, steps.forces_n, steps.total_n, trajectory.level, samples, samples
+    )
+
+
+def _slide(
+    pad: Pad, shape: Shape, trajectory: Trajectory, friction: float, memory: _Memory
+) -> ContactHistory:
+    """Contact, step by step, of a shape that slides; friction drags the skin along.
+
+    Depth is counted from where the shape's highest plane touches the pad's apex.
+    """
+    if trajectory.x_mm is None or trajectory.z_mm is None:
+        raise UsageError("expected a trajectory that slides", argument="trajectory")
+    step_mm = np.stack([np.gradient(trajectory.x_mm), np.gradient(trajectory.z_mm)], -1)
+    speed = np.hypot(*step_mm.T)
+    fastest = max(float(speed.max()), 1e-9)
+    drag = friction * step_mm / np.maximum(speed, 1e-12)[:, None]
+    is_straight = np.abs(drag - drag[0]).max() < 1e-6
+    fine_mm = pad.spacing_mm / _STEPS_PER_NODE
+    stride = (
+        1
+        if memory or np.ptp(trajectory.level)
+        else max(1, min(int(fine_mm / fastest), _MAX_STRIDE))
+    )
+    samples = np.arange(trajectory.level.size, dtype=np.int64)
+    states = np.unique(np.append(samples[::stride], samples[-1]))
+    x_mm, z_mm = trajectory.x_mm[states], trajectory.z_mm[states]
+
+    def gap_at(nodes: SkinNodes, step: int) -> SingleArray:
+        moved = shape.moved(float(x_mm[step]), float(z_mm[step]))
+        return nodes.gaps_mm(moved).astype(np.float32)
+
+    def gaps_at(rows: IntArray, steps: IntArray) -> SingleArray:
+        nodes = all_nodes.subset(rows)
+        return np.stack([gap_at(nodes, step) for step in steps.tolist()])
+
+    all_nodes = pad.skin_nodes()
+    nearest_mm = np.full(all_nodes.size, np.inf, dtype=np.float32)
+    for step in range(states.size):
+        np.minimum(nearest_mm, gap_at(all_nodes, step), out=nearest_mm)
+    level = trajectory.level[states]
+    steps = press_steps(
+        all_nodes,
+        gaps_at,
+        nearest_mm,
+        level,
+        by_force=trajectory.by_force,
+        drag=(float(drag[0, 0]), float(drag[0, 1])) if is_straight else (0.0, 0.0),
+        **memory,
+    )
+    forces = steps.forces_n
+    if not forces.size:
+        raise UsageError(
+            f"{shape.name} touches the pad nowhere along its trajectory", argument="trajectory"
+        )
+    window = pad.spacing_mm / (fastest * stride) if speed.any() else 1.0
+    loaded = np.maximum(level, 0.0)
+    share = loaded / np.maximum(_moving_mean(loaded, window), 1e-12)
+    total_n = np.zeros(states.size)
+    # Some nodes at a time: sums over all steps are in double precision.
+    width = max(1, _NUMBERS_PER_BLOCK // states.size)
+    for first in range(0, forces.shape[1], width):
+        block = forces[:, first : first + width]
+        mean_n = share[:, None] * _moving_mean(block, window)
+        total_n += mean_n.sum(axis=1)
+        block[:] = mean_n
+    depth_um = _moving_mean(steps.depth_um, window) if trajectory.by_force else level
+    return ContactHistory(
+        steps.nodes,
+        forces,
+        total_n,
+        depth_um,
+        knots=states.astype(np.float64),
+        position=samples.astype(np.float64),
+        drag=drag[states] if friction else None,
+    )
+
+
+def _moving_mean(values: FloatArray | SingleArray, window: float) -> FloatArray:
+    """Mean over `window` steps around each, also a part of a step; shorter at the ends.
+
+    Over the time of just one node all that repeats from node to node is gone.
+    """
+    if window <= 1:
+        return np.asarray(values, dtype=np.float64)
+    from scipy.interpolate import make_interp_spline
+
+    count = len(values)
+    total = np.zeros((count + 1, *values.shape[1:]))
+    np.cumsum(values, axis=0, dtype=np.float64, out=total[1:])
+    integral = make_interp_spline(np.arange(count + 1), total, k=1)
+    middle = np.arange(count) + 0.5
+    first, last = np.maximum(middle - window / 2, 0), np.minimum(middle + window / 2, count)
+    return np.asarray(((integral(last) - integral(first)).T / (last - first)).T)
+
+
+def contact_warnings(
+    pad: Pad, shape: Shape | None, trajectory: Trajectory, contact: ContactHistory
+) -> list[str]:
+    """Warnings of a contact, see `fembridge.touching.contact_warnings`."""
+    if not contact.forces_n.size:
+        return []
+    narrow = None
+    if trajectory.pins is not None:
+        narrowest_mm = min(diameter_mm for *_, diameter_mm in trajectory.pins.positions)
+        narrow = narrow_warning(pad, "a pin", narrowest_mm)
+    elif shape is not None:
+        hardest = int(contact.total_n.argmax())
+        if trajectory.x_mm is not None and trajectory.z_mm is not None:
+            sample = int(contact.knots[hardest])
+            shape = shape.moved(float(trajectory.x_mm[sample]), float(trajectory.z_mm[sample]))
+        width_mm = narrow_part_mm(pad, shape, contact.nodes, contact.forces_n[hardest])
+        narrow = narrow_warning(pad, shape.name, width_mm)
+    end = end_warning(pad, contact.nodes, contact.forces_n)
+    texts = (end, narrow, depth_warning(float(contact.depth_um.max())))
+    return [text for text in texts if text]
