@@ -77,6 +77,7 @@ if TYPE_CHECKING:
     from fembridge.stimulus import Stimulus
     from fembridge.sweeps.sweep import Sweep as Sweep
     from fembridge.sweeps.sweep import sweep
+    from fembridge.touching.fingerprint import Fingerprint
     from fembridge.touching.make_pad import SkinMap, make_pad
     from fembridge.touching.pad import Pad
     from fembridge.touching.population import Population
@@ -121,6 +122,7 @@ __all__ = [  # noqa: RUF022 - the main job first, then from deck to spikes, then
     "Shape",
     "Trajectory",
     "Population",
+    "Fingerprint",
     "Pad",
     "SkinMap",
     "FembridgeError",
@@ -147,6 +149,7 @@ _HOMES = {
         ("fembridge.touching.trajectory", "Trajectory"),
         ("fembridge.touching.receptive_field", "receptive_field ReceptiveField"),
         ("fembridge.touching.make_pad", "SkinMap make_pad"),
+        ("fembridge.touching.fingerprint", "Fingerprint"),
         ("fembridge.touching.pad", "Pad"),
         ("fembridge.touching.shape", "Shape"),
         ("fembridge.touching.population", "Population"),

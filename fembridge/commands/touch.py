@@ -167,6 +167,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         touch,
         "pad",
         finger=("FILE.toml", "the pad's finger with Prony terms, by which its skin relaxes"),
+        ridges=(
+            "NAME",
+            "fingerprint ridges: loop, whorl, across or along (as whorl:period_mm=0.5,seed=3), or "
+            "none (default: whorl on the pad of a smooth finger)",
+        ),
         population=("NAME|FILE", population),
         parameters=("NAME", parameters),
     )

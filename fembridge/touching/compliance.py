@@ -2,7 +2,8 @@
 
 `DenseCompliance` is a matrix, for nodes of any mesh. On a prism an entry depends on two columns
 and on the distance along the axis, so `LatticeCompliance` is a convolution along it. Contact
-(`fembridge.touching.contact`) uses either without a difference.
+(`fembridge.touching.contact`) uses either without a difference. `GridCompliance` is an operator
+for ten thousand nodes (`fembridge.touching.grid_contact`).
 """
 
 from abc import ABC, abstractmethod
@@ -118,3 +119,215 @@ class LatticeCompliance(Compliance):
         if drag[1]:
             block = block + drag[1] * np.where(apart < 0, -1.0, 1.0) * table[2][entries]
         return block
+
+
+class GridCompliance(Compliance):
+    """Compliance of a fine grid on the skin of a prism: a near part, and a smooth rest.
+
+    The near part is that of flat layered skin (`fembridge.touching.layered_skin`), a convolution
+    over the grid. The rest is what the finite-element pad has besides: the curve of the skin, the
+    bone, the sides. It is smooth, and so a table of the coarser nodes of the pad: forces
+    are spread on them and displacements read from them with the same weights, so that the whole is
+    symmetric. Both are applied by FFT in single precision.
+
+    Parameters
+    ----------
+    kernel_mm
+        Near part: displacement in mm under 1 N by the columns and rows between, ``(C, R)``.
+    rest_mm
+        Rest, of the pad's nodes: ``(force, node, apart)``.
+    table_mm
+        Both, of the nodes of the grid: ``(column, column, rows apart)``, in single precision.
+    drag_mm
+        Displacement into the skin by the friction that comes with 1 N, of the pad's nodes:
+        ``(force, node, apart)``, for nodes ahead and behind; None without friction.
+    across
+        Weight of each column of the pad for each column of the grid, ``(C, N)``.
+    rows_per_node
+        Rows of the grid between two nodes of the pad.
+    column, row
+        Column of each node of the grid, and its row from the middle, ``(n,)``.
+    """
+
+    def __init__(
+        self,
+        kernel_mm: FloatArray,
+        rest_mm: FloatArray,
+        table_mm: SingleArray,
+        across: FloatArray,
+        rows_per_node: int,
+        column: IntArray,
+        row: IntArray,
+        drag_mm: tuple[FloatArray, FloatArray] | None = None,
+    ) -> None:
+        from scipy import fft
+
+        self._column, self._row = column, row
+        self._kernel_mm, self._rest_mm = kernel_mm, rest_mm
+        self._table_mm = table_mm
+        first_column, first_row = int(column.min()), int(row.min())
+        self.shape = int(column.max()) - first_column + 1, int(row.max()) - first_row + 1
+        """Columns and rows of the smallest window that has all nodes."""
+        self.at = (column - first_column) * self.shape[1] + (row - first_row)
+        """Number of each node in that window, ``(n,)``."""
+        window = across[first_column : first_column + self.shape[0]]
+        used = np.flatnonzero(window.any(axis=0))
+        self._columns = slice(int(used[0]), int(used[-1]) + 1)
+        self._across = np.ascontiguousarray(window[:, self._columns], dtype=np.float32)
+        # Nodes of the pad around the rows of the window, one more at each end.
+        first_node = first_row // rows_per_node - 1
+        last_node = -(-(first_row + self.shape[1] - 1) // rows_per_node) + 1
+        place = (first_row + np.arange(self.shape[1])) / rows_per_node - first_node
+        along = interpolation_weights(place, last_node - first_node + 1)
+        self._along = along.astype(np.float32)
+        self._padded = tuple(fft.next_fast_len(2 * count - 1, real=True) for count in self.shape)
+        self._kernel_hat = _even_spectrum(kernel_mm[: self.shape[0], : self.shape[1]], self._padded)
+        self._rest = _AlongConvolution(
+            rest_mm[self._columns, self._columns], rest_mm[self._columns, self._columns],
+            self._along.shape[1],
+        )  # fmt: skip
+        self._drag = None
+        if drag_mm is not None:
+            ahead, behind = (table[self._columns, self._columns] for table in drag_mm)
+            self._drag = _AlongConvolution(ahead, behind, self._along.shape[1])
+
+    @property
+    def size(self) -> int:
+        """Number of nodes."""
+        return self._column.size
+
+    @property
+    def row(self) -> IntArray:
+        """Row of each node, ``(n,)``."""
+        return self._row
+
+    @property
+    def column(self) -> IntArray:
+        """Column of each node, ``(n,)``."""
+        return self._column
+
+    @property
+    def own_mm(self) -> float:
+        """Displacement of a node in mm under 1 N on it, by the near part."""
+        return float(self._kernel_mm[0, 0])
+
+    def block(self, rows: IntArray, columns: IntArray) -> FloatArray:
+        """Entries of the table, without drag."""
+        return self.entries_mm(rows, columns).astype(np.float64)
+
+    def entries_mm(self, rows: IntArray, columns: IntArray) -> SingleArray:
+        """Entries of the table in single precision, ``(rows, columns)``, without drag."""
+        apart = np.abs(self._row[rows][:, None] - self._row[columns])
+        entries: SingleArray = self._table_mm[
+            self._column[rows][:, None], self._column[columns], apart
+        ]
+        return entries
+
+    def apply_mm(self, forces_n: SingleArray) -> SingleArray:
+        """Displacements ``(C, R)`` in mm under forces ``(C, R)`` in N on the window."""
+        from scipy import fft
+
+        spectrum = fft.rfft2(forces_n, self._padded)
+        spectrum *= self._kernel_hat
+        near = fft.irfft2(spectrum, self._padded)[: self.shape[0], : self.shape[1]]
+        near += self._spread(self._rest, forces_n)
+        moved: SingleArray = near
+        return moved
+
+    def drag_moved_mm(self, forces_n: SingleArray) -> SingleArray | None:
+        """Displacements ``(C, R)`` in mm by the friction of `forces_n`; None without friction."""
+        return None if self._drag is None else self._spread(self._drag, forces_n)
+
+    def between_blocks_mm(self, side: int) -> FloatArray:
+        """Displacement of square blocks of `side` nodes in the window under 1 N on each, about.
+
+        That between their middles; of a block by itself the mean over its nodes.
+        """
+        counts = tuple(-(-count // side) for count in self.shape)
+        column, row = (side * index.ravel() for index in np.indices(counts))
+        first = int(self._column.min())
+        middle = first + np.minimum(column + side // 2, self.shape[0] - 1)
+        between = self._table_mm[middle[:, None], middle, np.abs(row[:, None] - row)]
+        weight = np.convolve(np.ones(side), np.ones(side)) / side**2
+        apart = np.abs(np.arange(-side + 1, side))
+        near = np.minimum(apart, min(self._kernel_mm.shape) - 1)
+        own = weight @ self._kernel_mm[np.ix_(near, near)] @ weight
+        between[np.diag_indices_from(between)] += own - self._kernel_mm[0, 0]
+        return np.asarray(between, dtype=np.float64)
+
+    def moved_mm(self, rows: IntArray, forces_n: FloatArray) -> FloatArray:
+        """Displacement of all nodes ``(n,)``, see `Compliance`."""
+        del rows
+        grid = np.zeros(self.shape, dtype=np.float32)
+        grid.flat[self.at] = forces_n
+        moved: FloatArray = self.apply_mm(grid).ravel()[self.at].astype(np.float64)
+        return moved
+
+    def _spread(self, convolution: "_AlongConvolution", forces_n: SingleArray) -> SingleArray:
+        on_pad = np.linalg.multi_dot([self._across.T, forces_n, self._along])
+        moved = np.linalg.multi_dot([self._across, convolution(on_pad), self._along.T])
+        return np.asarray(moved, dtype=np.float32)
+
+
+class _AlongConvolution:
+    """A table of the pad's nodes by their distance along the axis, applied by FFT.
+
+    `ahead` and `behind` ``(force, node, apart)`` are for nodes at larger and smaller z than the
+    force; `rows` is how many rows the nodes have.
+    """
+
+    def __init__(self, ahead: FloatArray, behind: FloatArray, rows: int) -> None:
+        from scipy import fft
+
+        self._rows, reach = rows, min(rows, ahead.shape[2])
+        self._padded = fft.next_fast_len(2 * rows - 1, real=True)
+        around = np.zeros((*ahead.shape[:2], self._padded))
+        around[..., :reach] = ahead[..., :reach]
+        around[..., self._padded - reach + 1 :] = behind[..., reach - 1 : 0 : -1]
+        spectrum = fft.rfft(around)
+        self._is_even = np.array_equal(ahead, behind)
+        if self._is_even:  # of an even table the spectrum is real
+            spectrum = spectrum.real
+        # (wave, node, force)
+        self._spectrum = np.ascontiguousarray(
+            spectrum.transpose(2, 1, 0),
+            dtype=np.float32 if self._is_even else np.complex64,
+        )
+
+    def __call__(self, forces_n: FloatArray | SingleArray) -> SingleArray:
+        from scipy import fft
+
+        waves = np.ascontiguousarray(fft.rfft(forces_n, self._padded).T)
+        if self._is_even:  # real and imaginary parts are two columns
+            parts = waves.view(np.float32).reshape(*waves.shape, 2)
+            moved = np.matmul(self._spectrum, parts).view(np.complex64)[..., 0]
+        else:
+            moved = np.matmul(self._spectrum, waves[..., None])[..., 0]
+        by_row: SingleArray = fft.irfft(moved.T, self._padded)[:, : self._rows]
+        return by_row
+
+
+def _even_spectrum(kernel: FloatArray, padded: tuple[int, ...]) -> SingleArray:
+    """Spectrum of a kernel by distance, ``(C, R)``, that is even along both axes."""
+    from scipy import fft
+
+    around = np.zeros(padded)
+    columns, rows = kernel.shape
+    around[:columns, :rows] = kernel
+    around[padded[0] - columns + 1 :, :rows] = kernel[:0:-1]
+    around[:, padded[1] - rows + 1 :] = around[:, rows - 1 : 0 : -1]
+    return np.ascontiguousarray(fft.rfft2(around).real, dtype=np.float32)
+
+
+def interpolation_weights(place: FloatArray, count: int) -> FloatArray:
+    """Lagrange's cubic weights ``(P, count)`` of nodes at 0, 1, 2 ... for places ``(P,)``."""
+    first = np.clip(np.floor(place).astype(np.int64) - 1, 0, max(count - 4, 0))
+    knots = first[:, None] + np.arange(min(4, count))
+    weights = np.ones(knots.shape)
+    for knot in range(knots.shape[1]):
+        for other in range(knots.shape[1]):
+            if knot != other:
+                weights[:, knot] *= (place - knots[:, other]) / (knot - other)
+    table = np.zeros((place.size, count))
+    np.put_along_axis(table, knots, weights, axis=1)
+    return table

@@ -26,7 +26,8 @@ import numpy as np
 
 from fembridge.errors import UsageError
 from fembridge.host.memory import check_memory
-from fembridge.touching.compliance import Compliance
+from fembridge.touching.compliance import Compliance, GridCompliance
+from fembridge.touching.grid_contact import GridContactSolver
 from fembridge.touching.pad import Pad, SkinNodes
 from fembridge.touching.shape import Shape
 from fembridge.typing import BoolArray, FloatArray, IntArray, SingleArray
@@ -125,7 +126,7 @@ def press_steps(
     *,
     by_force: bool = False,
     drag: tuple[float, float] = (0.0, 0.0),
-    over_time: "Callable[[ContactSolver], PressBy] | None" = None,
+    over_time: "Callable[[ContactSolver | GridContactSolver], PressBy] | None" = None,
     lasting_share: float = 1.0,
 ) -> PressedSteps:
     """Contact of a shape that moves over `nodes`, a part of the steps after the other.
@@ -212,13 +213,13 @@ def depth_of_force_mm(nodes: SkinNodes, gap_mm: FloatArray, force_n: float) -> f
 
 
 @contextmanager
-def blas_threads(nodes: int) -> Iterator[None]:
-    """One thread of the BLAS while fewer than `_NODES_FOR_THREADS` `nodes` may touch.
+def blas_threads(nodes: int, *, on_grid: bool = False) -> Iterator[None]:
+    """One thread of the BLAS while fewer than `_NODES_FOR_THREADS` `nodes` may touch, or `on_grid`.
 
     The limit is that of the process: while several Python threads are inside, the first one
     sets it and the last one takes it back.
     """
-    if nodes >= _NODES_FOR_THREADS:
+    if nodes >= _NODES_FOR_THREADS and not on_grid:
         yield
         return
     _one_thread.enter()
@@ -268,20 +269,25 @@ class ContactSolver:
         self.exchanges = 0
 
     @classmethod
-    def on_nodes(cls, nodes: SkinNodes, drag: tuple[float, float] = (0.0, 0.0)) -> "ContactSolver":
-        """Contact of `nodes` of a pad.
+    def on_nodes(
+        cls, nodes: SkinNodes, drag: tuple[float, float] = (0.0, 0.0)
+    ) -> "ContactSolver | GridContactSolver":
+        """Contact of `nodes` of a pad; on a fine grid by conjugate gradients.
 
         Raises
         ------
         UsageError
-            More than `MOST_NODES`.
+            More than `MOST_NODES` that are not on a grid.
         """
+        compliance = nodes.compliance(drag) if nodes.size else None
+        if isinstance(compliance, GridCompliance):
+            return GridContactSolver(compliance)
         if nodes.size > MOST_NODES:
             raise UsageError(
                 f"{nodes.size} nodes may touch, expected at most {MOST_NODES}: "
                 "take a smaller shape, less depth or a coarser pad"
             )
-        return cls(nodes.compliance(drag))
+        return cls(nodes.compliance(drag) if compliance is None else compliance)
 
     def press_by(
         self, gap_mm: FloatArray, level: float, *, by_force: bool

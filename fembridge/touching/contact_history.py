@@ -30,6 +30,7 @@ from fembridge.touching.contact_warnings import (
     narrow_part_mm,
     narrow_warning,
 )
+from fembridge.touching.grid_contact import GridContactSolver
 from fembridge.touching.pad import Pad, SkinNodes
 from fembridge.touching.relaxation import Relaxation, RelaxingContact, relaxation_of
 from fembridge.touching.shape import Shape
@@ -137,12 +138,12 @@ def _rested(trajectory: Trajectory) -> bool:
 class _Memory(TypedDict, total=False):
     """Arguments of `press_steps` for skin that relaxes; none for elastic skin."""
 
-    over_time: Callable[[ContactSolver], PressBy]
+    over_time: Callable[[ContactSolver | GridContactSolver], PressBy]
     lasting_share: float
 
 
 def _memory(relaxation: Relaxation, trajectory: Trajectory) -> _Memory:
-    def over_time(contact: ContactSolver) -> PressBy:
+    def over_time(contact: ContactSolver | GridContactSolver) -> PressBy:
         rested = _rested(trajectory)
         return RelaxingContact(contact, relaxation, trajectory.dt_ms, rested=rested).press_by
 
@@ -268,7 +269,7 @@ def _slide(
         raise UsageError(
             f"{shape.name} touches the pad nowhere along its trajectory", argument="trajectory"
         )
-    window = pad.spacing_mm / (fastest * stride) if speed.any() else 1.0
+    window = pad.averaged_mm / (fastest * stride) if speed.any() else 1.0
     loaded = np.maximum(level, 0.0)
     share = loaded / np.maximum(_moving_mean(loaded, window), 1e-12)
     total_n = np.zeros(states.size)

@@ -122,6 +122,18 @@ class SkinNodes(ABC):
             Force along x and z that comes with 1 N into the skin.
         """
 
+    def spread_on_pad(
+        self, forces_n: FloatArray | SingleArray
+    ) -> tuple["SkinNodes", FloatArray | SingleArray]:
+        """Nodes whose stress the pad knows, and forces ``(S, node)`` on them that stand for others.
+
+        Parameters
+        ----------
+        forces_n
+            Forces on these nodes in N, ``(S, n)``.
+        """
+        return self, forces_n
+
     @abstractmethod
     def cells(self) -> SkinCells:
         """Cells of the skin around these nodes, for a picture."""
@@ -153,6 +165,11 @@ class Pad(ABC):
 
     uniform_along: ClassVar[bool] = False
     """Whether a response depends on the distance along z alone."""
+
+    @property
+    def averaged_mm(self) -> float:
+        """Way of a slide over which forces are averaged in mm: that from node to node."""
+        return self.spacing_mm
 
     @property
     def plane(self) -> bool:

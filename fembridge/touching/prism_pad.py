@@ -27,7 +27,7 @@ from decks.presets import finger_table
 from decks.section import Section, section_of
 from fembridge.errors import ResponseError, UsageError
 from fembridge.host.memory import check_memory
-from fembridge.touching.compliance import LatticeCompliance
+from fembridge.touching.compliance import Compliance, LatticeCompliance
 from fembridge.touching.pad import Pad, SkinCells, SkinMargin, SkinNodes
 from fembridge.touching.shape import Shape
 from fembridge.trace import finger_id
@@ -298,6 +298,42 @@ class PrismPad(Pad):
         outline: FloatArray = np.interp(x_mm, self.x_mm, self.y_mm)
         return outline - np.square(z_mm) / (2 * TIP_RADIUS_MM)
 
+    def height_of_nodes_mm(self, nodes: "LatticeNodes") -> FloatArray:
+        """Heights of nodes over the apex in mm, ``(n,)``.
+
+        Parameters
+        ----------
+        nodes
+            Nodes of this pad.
+        """
+        return self.skin_height_mm(nodes.x_mm, nodes.z_mm)
+
+    def compliance_of(self, nodes: "LatticeNodes", drag: tuple[float, float]) -> Compliance:
+        """How far each of `nodes` goes into the skin under 1 N on each.
+
+        Parameters
+        ----------
+        nodes
+            Nodes of this pad.
+        drag
+            Force along x and z that comes with 1 N into the skin.
+        """
+        return LatticeCompliance(self.lattice_compliance, nodes.column, nodes.row, drag)
+
+    def spread_on_pad(
+        self, nodes: "LatticeNodes", forces_n: FloatArray | SingleArray
+    ) -> tuple["LatticeNodes", FloatArray | SingleArray]:
+        """Nodes with known stress, and the forces on them, see `SkinNodes`.
+
+        Parameters
+        ----------
+        nodes
+            Nodes of this pad.
+        forces_n
+            Forces in N, ``(S, node)``.
+        """
+        return nodes, forces_n
+
     def first_touch_mm(self, shape: Shape) -> float:
         """How far `shape` is over the skin where it touches first, see `Pad`."""
         nodes = self.skin_nodes()
@@ -526,7 +562,7 @@ class LatticeNodes(SkinNodes):
     @property
     def height_mm(self) -> FloatArray:
         """Heights of the skin over its apex in mm, ``(n,)``."""
-        return self.pad.skin_height_mm(self.x_mm, self.z_mm)
+        return self.pad.height_of_nodes_mm(self)
 
     @property
     def area_mm2(self) -> FloatArray:
@@ -537,9 +573,15 @@ class LatticeNodes(SkinNodes):
         """Nodes of a mask ``(n,)`` or of numbers from 0."""
         return LatticeNodes(self.pad, self.column[rows], self.row[rows])
 
-    def compliance(self, drag: tuple[float, float] = (0.0, 0.0)) -> LatticeCompliance:
+    def compliance(self, drag: tuple[float, float] = (0.0, 0.0)) -> Compliance:
         """How far each goes into the skin under 1 N on each, see `SkinNodes`."""
-        return LatticeCompliance(self.pad.lattice_compliance, self.column, self.row, drag)
+        return self.pad.compliance_of(self, drag)
+
+    def spread_on_pad(
+        self, forces_n: FloatArray | SingleArray
+    ) -> tuple["SkinNodes", FloatArray | SingleArray]:
+        """Nodes with known stress, and the forces on them, see `SkinNodes`."""
+        return self.pad.spread_on_pad(self, forces_n)
 
     def cells(self) -> SkinCells:
         """All columns, and the rows from the first of these nodes to the last, see `SkinNodes`."""

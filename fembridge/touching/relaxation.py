@@ -44,6 +44,8 @@ from fembridge.typing import FloatArray, IntArray, SingleArray, Table
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
 
+    from fembridge.touching.grid_contact import GridContactSolver
+
 _LOGGER = logging.getLogger(__name__)
 
 _MS_PER_S = 1.0e3
@@ -132,7 +134,12 @@ class RelaxingContact:
     """
 
     def __init__(
-        self, solver: ContactSolver, relaxation: Relaxation, dt_ms: float, *, rested: bool
+        self,
+        solver: "ContactSolver | GridContactSolver",
+        relaxation: Relaxation,
+        dt_ms: float,
+        *,
+        rested: bool,
     ) -> None:
         self._solver, self._relaxation = solver, relaxation
         step = dt_ms / relaxation.tau_ms

@@ -21,8 +21,8 @@ def from_specification(
     specification: str,
     argument: str,
     makers: Mapping[str, Callable[..., _Value]],
-    read: Callable[[Path], _Value],
-    suffixes: str,
+    read: Callable[[Path], _Value] | None = None,
+    suffixes: str = "",
     **fixed: Any,  # noqa: ANN401
 ) -> _Value:
     """The value that one of `makers` makes of the settings after its name, or that `read` reads.
@@ -36,9 +36,9 @@ def from_specification(
     makers
         Functions by name; their arguments with a number or a text as default are settings.
     read
-        Reads a file.
+        Reads a file. Default: None, there are none.
     suffixes
-        Suffixes of the files that `read` reads, for errors.
+        Suffixes of the files that `read` reads, for errors. Default: none.
     fixed
         Further arguments of the maker.
 
@@ -50,9 +50,9 @@ def from_specification(
     name, path = specification.partition(":")[0], Path(specification)
     if name in makers:
         return _call(specification, argument, makers[name], **fixed)
-    if path.suffix or _exists(path):
+    if read is not None and (path.suffix or _exists(path)):
         return read(path)
-    expected = f"{', '.join(makers)} or a file {suffixes}"
+    expected = ", ".join(makers) + (f" or a file {suffixes}" if read is not None else "")
     problem = f"is {name!r}, expected {expected}{near_hint(name, makers)}"
     raise UsageError(problem, argument=argument, found=name, expected=expected)
 

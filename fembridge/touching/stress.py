@@ -153,7 +153,8 @@ def driving_stress_pa(
     touched = np.asarray(forces_n.any(axis=1))
     if not touched.any():
         return driving
-    forces_n, drag = forces_n[touched], None if drag is None else drag[touched]
+    nodes, forces_n = nodes.spread_on_pad(forces_n[touched])
+    drag = None if drag is None else drag[touched]
     unit, x_mm, z_mm, sensitivity = units.endings()
     layer, depth_mm = np.array(units.layer)[unit], units.depth_mm[unit]
     reads_sa = (np.array(units.afferent) == "SA")[unit] & (not units.sa_von_mises)

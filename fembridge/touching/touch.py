@@ -17,11 +17,13 @@ from fembridge.ranges import Range, check_range
 from fembridge.solver.mechanics import fit_mismatch
 from fembridge.touching.contact import MOST_UM
 from fembridge.touching.contact_history import contact_warnings, solve_contact
+from fembridge.touching.fingerprint import Fingerprint
 from fembridge.touching.pad import Pad
 from fembridge.touching.pad_file import resolve_pad
 from fembridge.touching.population import Population, check_inside, resolve_population
 from fembridge.touching.prism_pad import PrismPad
 from fembridge.touching.relaxation import prony_table, relaxation_of, relaxing_pad
+from fembridge.touching.ridged_pad import RidgedPad, with_ridges
 from fembridge.touching.shape import Shape, resolve_shape
 from fembridge.touching.stress import ContactStress, interpolate_states
 from fembridge.touching.touch_result import Touch
@@ -57,6 +59,7 @@ def touch(
     population: str | os.PathLike[str] | pandas.DataFrame | Population = "fingertip",
     pad: str | Path | Pad = PAD,
     finger: str | Path | Finger | None = None,
+    ridges: str | Fingerprint | None = None,
     parameters: str | Path | ParameterSet | None = None,
     at_mm: tuple[float, float] = (0.0, 0.0),
     angle_deg: float = 0.0,
@@ -94,6 +97,11 @@ def touch(
     finger
         Finger whose Prony terms the pad relaxes by: a TOML file or a `Finger`, with the sizes and
         instantaneous moduli of the pad's. Default: None, the finger of the pad.
+    ridges
+        Fingerprint ridges on the skin, on which contact is solved on a finer grid: ``"loop"``,
+        ``"whorl"``, ``"across"``, ``"along"``, with sizes as in ``"whorl:period_mm=0.5,seed=3"``,
+        or a `Fingerprint`; ``"none"``: smooth skin on the nodes of the pad. Default: None,
+        ``"whorl"`` on the pad of a smooth finger, ``"none"`` on others.
     parameters
         Neural parameters: the name of a set, the path of a TOML file, or a `ParameterSet`.
         Default: None, ``"fitted_pad"``, on a plane pad ``"fitted"``.
@@ -150,6 +158,7 @@ def touch(
     skin = resolve_pad(pad)
     if finger is not None:
         skin = relaxing_pad(skin, finger)
+    skin = with_ridges(skin, ridges)
     selected = parameters_on(skin, parameters)
     units = resolve_population(population, skin)
     depth_um = selected.preindent_um if preindent_um is None else preindent_um
@@ -263,6 +272,8 @@ def touch_skin(
         origin["relaxation"] = {**relaxation.to_table(), "prony": prony_table(pad.finger)}
     if shape is not None:
         origin["shape"] = shape.to_table()
+    if isinstance(pad, RidgedPad):
+        origin["ridges"] = pad.fingerprint.to_table()
     if pad.pose:
         origin["pose"] = pad.pose
     return Touch(

@@ -17,10 +17,12 @@ from fembridge.io.spike_table import SpikeTrain
 from fembridge.io.text_table import read_table
 from fembridge.plots.shown import Shown
 from fembridge.touching.contact_history import ContactHistory, with_layer_forces
+from fembridge.touching.fingerprint import Fingerprint
 from fembridge.touching.pad import Pad
 from fembridge.touching.pad_file import resolve_pad
 from fembridge.touching.population import Population
 from fembridge.touching.relaxation import Relaxation, pad_with_prony
+from fembridge.touching.ridged_pad import with_ridges
 from fembridge.touching.stress import ContactStress, von_mises_pa
 from fembridge.touching.trajectory import PinArray, Trajectory
 from fembridge.typing import FloatArray, IntArray, Table
@@ -147,8 +149,10 @@ class Touch(Shown):
         site = pad.afferents.get("SA") or next(iter(pad.afferents.values()))
         x, z = (axis.ravel() for axis in np.meshgrid(x_mm, z_mm))
         layers, depth_mm = np.full(x.size, site.layer), np.full(x.size, site.depth_mm)
-        influence = pad.influence_pa(self.contact.nodes, layers, *pad.clipped(x, z), depth_mm)
-        stress_pa = von_mises_pa(influence, self.contact.forces_in(site.layer)[states])
+        forces_n = self.contact.forces_in(site.layer)[states]
+        nodes, forces_n = self.contact.nodes.spread_on_pad(forces_n)
+        influence = pad.influence_pa(nodes, layers, *pad.clipped(x, z), depth_mm)
+        stress_pa = von_mises_pa(influence, forces_n)
         return stress_pa.reshape(-1, z_mm.size, x_mm.size)
 
     # ---- Tables
@@ -421,6 +425,8 @@ def _read(folder: Path, record: Table, pad: "str | Pad | None") -> Touch:
     relaxation = record.get("relaxation")
     if relaxation is not None:
         skin = pad_with_prony(skin, relaxation["prony"])
+    if (ridges := record.get("ridges")) is not None:
+        skin = with_ridges(skin, Fingerprint(**ridges))
     population = Population.from_table(folder / POPULATION_FILE, skin).with_endings(
         stated_units["endings_mm"], sa_von_mises=stated_units["sa_von_mises"]
     )
