@@ -297,7 +297,7 @@ class _AlongConvolution:
     def __call__(self, forces_n: FloatArray | SingleArray) -> SingleArray:
         from scipy import fft
 
-        waves = np.ascontiguousarray(fft.rfft(forces_n, self._padded).T)
+        waves = np.ascontiguousarray(fft.rfft(forces_n, self._padded).T, dtype=np.complex64)
         if self._is_even:  # real and imaginary parts are two columns
             parts = waves.view(np.float32).reshape(*waves.shape, 2)
             moved = np.matmul(self._spectrum, parts).view(np.complex64)[..., 0]

@@ -65,7 +65,7 @@ class GridContactSolver:
         """Forces ``(n,)`` in N of a shape pressed with `force_n`, and its depth in mm."""
         if force_n <= 0:
             return np.zeros(gap_mm.size), 0.0
-        return self._solve(gap_mm, force_n)
+        return self._solve(gap_mm, float(force_n))
 
     def moved_mm(self, force: FloatArray) -> FloatArray:
         """How far each node goes into the skin under `force` ``(n,)`` of any sign, in mm."""

@@ -420,7 +420,7 @@ def test_contact_at_the_end_of_the_skin_warns_with_its_place():
 @pytest.mark.parametrize("angle_deg", [0.0, 33.0])
 def test_parts_narrower_than_the_nodes_resolve_warn(shape, width, angle_deg):
     """Flat parts and the grooves between them, however they are turned."""
-    brief = {"trajectory": BRIEF, "population": "one_each"}
+    brief = {"trajectory": BRIEF, "population": "one_each", "ridges": "none"}
     with pytest.warns(FembridgeWarning, match="resolve 0.44 mm") as warned:
         fb.touch(shape, angle_deg=angle_deg, at_mm=(0.05, 0.13), **brief)
     [stated] = re.findall(r"about (\S+) mm wide", str(warned[0].message))
@@ -452,7 +452,9 @@ def test_a_height_map_with_narrow_parts_warns(tmp_path):
     for heights in (stripes, points):
         np.savetxt(tmp_path / "map.csv", heights, delimiter=",")
         with pytest.warns(FembridgeWarning, match="resolve 0.44 mm"):
-            fb.touch(Shape.read(tmp_path / "map.csv", 0.1), BRIEF, population="one_each")
+            fb.touch(
+                Shape.read(tmp_path / "map.csv", 0.1), BRIEF, population="one_each", ridges="none"
+            )
 
 
 def test_more_than_a_millimetre_deep_warns_with_the_depth():
