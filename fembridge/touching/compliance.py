@@ -217,10 +217,10 @@ class GridCompliance(Compliance):
 
     def entries_mm(self, rows: IntArray, columns: IntArray) -> SingleArray:
         """Entries of the table in single precision, ``(rows, columns)``, without drag."""
-        apart = np.abs(self._row[rows][:, None] - self._row[columns])
-        entries: SingleArray = self._table_mm[
-            self._column[rows][:, None], self._column[columns], apart
-        ]
+        across, _, along = self._table_mm.shape
+        place = np.abs(self._row[rows][:, None] - self._row[columns])
+        place += (self._column[rows] * (across * along))[:, None] + self._column[columns] * along
+        entries: SingleArray = self._table_mm.ravel().take(place)
         return entries
 
     def apply_mm(self, forces_n: SingleArray) -> SingleArray:

@@ -4,9 +4,9 @@ Where a shape only goes in and out, the forces are a function of its depth or fo
 solved at some levels and read between them, as in a response map. Where it slides, pins move on
 their own, or the skin relaxes (`fembridge.touching.relaxation`), contact is solved step by step.
 
-A slide is resolved to one node of the skin: forces, in proportion to the level, are averaged
-over the time in which the shape moves by one node. Otherwise each node that comes into contact
-would be a tap.
+On the nodes of a pad a slide is resolved to one node of the skin: forces, in proportion to the
+level, are averaged over the time in which the shape moves by one node. Otherwise each node that
+comes into contact would be a tap. On the fine grid of ridged skin nothing is averaged.
 """
 
 from collections.abc import Callable, Mapping
@@ -39,8 +39,6 @@ from fembridge.typing import FloatArray, IntArray, SingleArray
 
 # Levels at which contact is solved for a shape that goes in and out.
 LEVELS = 25
-# Steps that are solved while a sliding shape moves by one node, at least.
-_STEPS_PER_NODE = 8
 _MAX_STRIDE = 20
 # Numbers in double precision of which a mean over steps is taken at a time.
 _NUMBERS_PER_BLOCK = 4_000_000
@@ -232,7 +230,7 @@ def _slide(
     fastest = max(float(speed.max()), 1e-9)
     drag = friction * step_mm / np.maximum(speed, 1e-12)[:, None]
     is_straight = np.abs(drag - drag[0]).max() < 1e-6
-    fine_mm = pad.spacing_mm / _STEPS_PER_NODE
+    fine_mm = pad.spacing_mm / pad.steps_per_node
     stride = (
         1
         if memory or np.ptp(trajectory.level)

@@ -28,8 +28,13 @@ _MOST_STEPS, _MOST_EXCHANGES = 60, 200
 _INEXACT = 0.1
 # Blocks are factorised anew where the counts of nodes in contact changed by more than this share.
 _CHANGED_SHARE = 0.3
+# A force this share off the prescribed one is corrected.
+_SAME_FORCE = 1e-4
 # So few nodes in contact are solved together instead of by blocks.
 _FEW_NODES = 600
+# From no contact on, skin so far from the shape is taken to touch under a force, and each node
+# has so much force at least.
+_FIRST_MM, _LEAST_N = 0.05, np.float32(1e-6)
 # Weight of the compliance of single nodes beside that of blocks.
 _LOCAL = 0.5
 
@@ -43,9 +48,9 @@ class GridContactSolver:
     def __init__(self, compliance: GridCompliance) -> None:
         self._compliance = compliance
         self._shape, self._at = compliance.shape, compliance.at
-        self._is_node = np.zeros(self._shape, dtype=bool)
-        self._is_node.flat[self._at] = True
+        # Forces on the window, and the displacements under them.
         self._forces = np.zeros(self._shape, dtype=np.float32)
+        self._moved = np.zeros(self._shape, dtype=np.float32)
         self._blocks = _Blocks(compliance)
         self.steps = 0
 
@@ -78,74 +83,65 @@ class GridContactSolver:
         if force_n is None:
             possible &= gap < 0
             if not possible.any():
-                self._forces[:] = 0.0
+                self._forces[:] = self._moved[:] = 0.0
                 return np.zeros(gap_mm.size), 0.0
         gap[~np.isfinite(gap)] = 0.0
         forces = self._forces
-        forces[~possible] = 0.0
-        if not forces.any():
-            forces[:] = self._first_forces(gap, possible, force_n)
+        if forces[~possible].any() or not forces.any():
+            forces[~possible] = 0.0
+            if not forces.any():
+                forces[:] = self._blocks.first_forces(gap, possible, force_n)
+            self._moved[:] = self._compliance.apply_mm(forces)
         moved_by_drag = self._compliance.drag_moved_mm(forces)
         if moved_by_drag is not None:
             gap += moved_by_drag
         depth_mm = self._gradients(gap, possible, force_n)
-        pressed: FloatArray = self._forces.ravel()[self._at].astype(np.float64)
+        pressed: FloatArray = forces.ravel()[self._at].astype(np.float64)
         if force_n is not None:
             pressed *= force_n / pressed.sum()
         return pressed, depth_mm
 
-    def _first_forces(
-        self, gap: SingleArray, possible: BoolArray, force_n: float | None
-    ) -> SingleArray:
-        """Forces to start from: those on blocks, each as deep as the shape."""
-        return self._blocks.first_forces(gap, possible, force_n)
-
     def _gradients(self, gap: SingleArray, possible: BoolArray, force_n: float | None) -> float:
         """Improve the forces until all nodes are right; the depth where a force is prescribed."""
-        apply_mm, forces, blocks = self._compliance.apply_mm, self._forces, self._blocks
+        forces, moved, blocks = self._forces, self._moved, self._blocks
         own_mm = self._compliance.own_mm
         active = forces > 0
-        off = apply_mm(forces)
-        off += gap
         depth, total = 0.0, float(forces.sum(dtype=np.float64))
         for _ in range(_MOST_EXCHANGES):
             blocks.set_contact(active)
-            if force_n is not None and abs(total - force_n) > 1e-4 * force_n:
+            if force_n is not None and abs(total - force_n) > _SAME_FORCE * force_n:
                 even = blocks.even * ((force_n - total) / blocks.even_sum)
                 forces += even
-                off += apply_mm(even)
+                moved += self._compliance.apply_mm(even)
             limit = _TOLERANCE * own_mm * (force_n or total or 1e-6) / int(active.sum())
-            depth, worst = self._on_contact(forces, off, active, limit, force_n)
+            depth, worst = self._on_contact(gap, active, limit, force_n)
             leaving = forces < 0
-            inside = possible & ~active & (off < depth - limit)
+            inside = possible & ~active & (moved + gap < depth - limit)
             if not (leaving.any() or inside.any()) and worst <= limit:
                 return depth
             if leaving.any():
                 forces[leaving] = 0.0
-                off = apply_mm(forces)
-                off += gap
+                moved[:] = self._compliance.apply_mm(forces)
             active = (active & ~leaving) | inside
+            if not active.any():
+                return depth
             total = float(forces.sum(dtype=np.float64))
         raise UsageError("the contact did not settle: take a finer pad or less friction")
 
     def _on_contact(
-        self,
-        forces: SingleArray,
-        off: SingleArray,
-        active: BoolArray,
-        limit: float,
-        force_n: float | None,
+        self, gap: SingleArray, active: BoolArray, limit: float, force_n: float | None
     ) -> tuple[float, float]:
         """Conjugate gradients on nodes in contact, of any sign; depth, and the last residual."""
-        blocks, depth, last, worst, goal = self._blocks, 0.0, 0.0, 0.0, limit
+        forces, moved, blocks = self._forces, self._moved, self._blocks
+        depth, last, worst, goal = 0.0, 0.0, 0.0, limit
         direction = np.zeros_like(forces)
         for number in range(_MOST_STEPS):
-            residual = np.where(active, -off, 0.0)
+            residual = np.where(active, -(moved + gap), np.float32(0))
             steep = blocks.precondition(residual, active)
             if force_n is not None:
-                depth = -float((residual * blocks.even).sum()) / blocks.even_sum
+                depth = -float(np.vdot(residual, blocks.even)) / blocks.even_sum
                 steep += depth * blocks.even
-                residual = np.where(active, residual + depth, 0.0)
+                residual = np.where(active, residual + depth, np.float32(0))
             worst = float(np.abs(residual).max())
             if number == 0:
                 goal = max(limit, _INEXACT * worst)
@@ -156,10 +152,10 @@ class GridContactSolver:
             direction *= product / last if last else 0.0
             direction += steep
             last = product
-            moved = self._compliance.apply_mm(direction)
-            rate = product / float(np.vdot(direction, moved))
+            change = self._compliance.apply_mm(direction)
+            rate = product / float(np.vdot(direction, change))
             forces += rate * direction
-            off += rate * moved
+            moved += rate * change
         return depth, worst
 
 
@@ -253,19 +249,15 @@ class _Blocks:
     def first_forces(
         self, gap: SingleArray, possible: BoolArray, force_n: float | None
     ) -> SingleArray:
-        near = possible & (gap < 0 if force_n is None else gap < gap[possible].min() + 0.05)
-        forces = np.zeros(self._shape, dtype=np.float32)
+        """Forces to start from: on the nodes nearest to the shape, or half as deep as it or more."""
+        least_mm = float(gap[possible].min())
         if force_n is not None:
-            forces[near] = force_n / near.sum()
-            return forces
-        deep = near & (gap < 0.5 * gap[near].min())
+            near = possible & (gap < least_mm + _FIRST_MM)
+            return np.where(near, np.float32(force_n / near.sum()), np.float32(0))
+        deep = possible & (gap < 0.5 * least_mm)
         self.set_contact(deep)
-        forces[:] = np.maximum(
-            self.precondition(np.where(deep, -gap, 0.0).astype(np.float32), deep), 0
-        )
-        if not forces.any():
-            forces[deep] = 1e-6
-        return forces
+        forces = self.precondition(np.where(deep, -gap, np.float32(0)), deep)
+        return np.where(deep, np.maximum(forces, _LEAST_N), np.float32(0))
 
     def _sums(self, values: SingleArray) -> SingleArray:
         padded = np.zeros(tuple(_BLOCK * count for count in self._counts), dtype=np.float32)

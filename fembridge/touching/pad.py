@@ -167,6 +167,11 @@ class Pad(ABC):
     """Whether a response depends on the distance along z alone."""
 
     @property
+    def steps_per_node(self) -> float:
+        """Contacts that are solved while a slide moves by one node, at least."""
+        return 8
+
+    @property
     def averaged_mm(self) -> float:
         """Way of a slide over which forces are averaged in mm: that from node to node."""
         return self.spacing_mm

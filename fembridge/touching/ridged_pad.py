@@ -72,6 +72,11 @@ class RidgedPad(PrismPad):
         return "a finer grid (--ridges loop:node_mm=0.0625)"
 
     @property
+    def steps_per_node(self) -> float:
+        """Contacts that are solved while a slide moves by one node, see `Pad`."""
+        return 2
+
+    @property
     def averaged_mm(self) -> float:
         """Nothing: ridges and nodes are resolved in time, see `PrismPad`."""
         return 0.0
