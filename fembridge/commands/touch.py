@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = "fembridge touch --shape braille:text=b --press-n 0.25 -o out"
 
-_SHAPE_OPTIONS = "--shape --at-mm --angle-deg --tilt-deg --pixel-mm --relief-mm --friction"
+_SHAPE_OPTIONS = "--shape --at-mm --angle-deg --tilt-deg --pixel-mm --relief-mm --tile --friction"
 _TRAJECTORIES = ("stimulus", "path", "pins")
 
 USES = (
@@ -40,6 +40,7 @@ USES = (
         "--shape FILE, a height map",
         lambda args: _is_height_map(args.shape),
     ),
+    Use("--tile", "--shape FILE, a height map", lambda args: _is_height_map(args.shape)),
     Use(
         "--relief-mm",
         "--shape FILE, a picture",
@@ -121,6 +122,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--pixel-mm", type=NUMBERS["pixel_mm"], metavar="MM", help="size of a pixel of a FILE")
     relief = "height of white over black in a picture; negative: black over white (default: 0.5)"
     add("--relief-mm", type=NUMBERS["relief_mm"], metavar="MM", help=relief)
+    add("--tile", action="store_true", help="repeat a FILE without end")
     add(
         "--pins",
         metavar="CSV",
@@ -170,7 +172,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ridges=(
             "NAME",
             "fingerprint ridges: loop, whorl, across or along (as whorl:period_mm=0.5,seed=3), or "
-            "none (default: whorl on the pad of a smooth finger)",
+            "none (default: loop on the pad of a smooth finger)",
         ),
         population=("NAME|FILE", population),
         parameters=("NAME", parameters),
@@ -258,7 +260,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "trajectory": trajectory,
     }
     if args.pins is None:
-        words["shape"] = resolve_shape(args.shape, args.pixel_mm, args.relief_mm)
+        words["shape"] = resolve_shape(args.shape, args.pixel_mm, args.relief_mm, tile=args.tile)
     if trajectory is not None:
         words |= {"stimulus": None, "press_um": None, "press_n": None}
     result = touch(**words)

@@ -26,7 +26,7 @@ import numpy as np
 
 from fembridge.errors import UsageError
 from fembridge.host.memory import check_memory
-from fembridge.touching.compliance import Compliance, GridCompliance
+from fembridge.touching.compliance import Compliance, DenseCompliance, GridCompliance
 from fembridge.touching.grid_contact import GridContactSolver
 from fembridge.touching.pad import Pad, SkinNodes
 from fembridge.touching.shape import Shape
@@ -155,10 +155,12 @@ def press_steps(
     all_rows = np.arange(nodes.size)
     if by_force:
         tried = np.arange(0, level.size, max(1, level.size // _TRIED_STEPS))
-        reach_mm = max(
+        depths_mm = [
             depth_of_force_mm(nodes, gap.astype(np.float64), float(level[step]) / lasting_share)
             for step, gap in zip(tried, gaps_at(all_rows, tried), strict=True)
-        )
+            if level[step] > 0 and np.isfinite(gap).any()
+        ]
+        reach_mm = max(depths_mm, default=0.0)
     else:
         reach_mm = float(level.max()) * MM_PER_UM
     reached = all_rows[nearest_mm < reach_mm]
@@ -180,6 +182,8 @@ def press_steps(
                 row[:], total_n[step] = force, force.sum()
                 if by_force:
                     depth_um[step] = depth_mm / MM_PER_UM
+                    if not depth_um[step] <= MOST_UM:
+                        raise _too_deep(float(level[step]))
             columns = np.flatnonzero(forces.any(axis=0))
             parts.append((columns, forces[:, columns]))
             held_bytes += parts[-1][1].nbytes
@@ -207,7 +211,11 @@ def depth_of_force_mm(nodes: SkinNodes, gap_mm: FloatArray, force_n: float) -> f
         if depth_mm < 0.8 * reach_mm:
             return first_mm + 1.2 * depth_mm
         reach_mm = max(2 * reach_mm, 1.3 * depth_mm) if depth_mm < MOST_UM else np.inf
-    raise UsageError(
+    raise _too_deep(force_n)
+
+
+def _too_deep(force_n: float) -> UsageError:
+    return UsageError(
         f"{force_n:g} N presses the shape deeper than {MOST_UM:g} um, expected less force"
     )
 
@@ -279,7 +287,9 @@ class ContactSolver:
         UsageError
             More than `MOST_NODES` that are not on a grid.
         """
-        compliance = nodes.compliance(drag) if nodes.size else None
+        if not nodes.size:
+            return cls(DenseCompliance(np.zeros((0, 0))))
+        compliance = nodes.compliance(drag)
         if isinstance(compliance, GridCompliance):
             return GridContactSolver(compliance)
         if nodes.size > MOST_NODES:
@@ -287,7 +297,7 @@ class ContactSolver:
                 f"{nodes.size} nodes may touch, expected at most {MOST_NODES}: "
                 "take a smaller shape, less depth or a coarser pad"
             )
-        return cls(nodes.compliance(drag) if compliance is None else compliance)
+        return cls(compliance)
 
     def press_by(
         self, gap_mm: FloatArray, level: float, *, by_force: bool
@@ -325,6 +335,9 @@ class ContactSolver:
         count = overlap_mm.size
         most_entries = count if active.rows.size else _FIRST_ENTRIES
         possible = np.isfinite(overlap_mm)
+        if not possible.any():
+            active.keep(possible)
+            return np.zeros(count), 0.0
         overlap = np.where(possible, overlap_mm, 0.0)
         if force_n is None:
             scale = max(float(overlap.max(initial=0.0)), 1e-12)

@@ -29,6 +29,8 @@ from fembridge.touching.contact_warnings import (
     end_warning,
     narrow_part_mm,
     narrow_warning,
+    texture_end_ms,
+    texture_warning,
 )
 from fembridge.touching.grid_contact import GridContactSolver
 from fembridge.touching.pad import Pad, SkinNodes
@@ -253,20 +255,21 @@ def _slide(
     for step in range(states.size):
         np.minimum(nearest_mm, gap_at(all_nodes, step), out=nearest_mm)
     level = trajectory.level[states]
-    steps = press_steps(
-        all_nodes,
-        gaps_at,
-        nearest_mm,
-        level,
-        by_force=trajectory.by_force,
-        drag=(float(drag[0, 0]), float(drag[0, 1])) if is_straight else (0.0, 0.0),
-        **memory,
-    )
-    forces = steps.forces_n
-    if not forces.size:
-        raise UsageError(
-            f"{shape.name} touches the pad nowhere along its trajectory", argument="trajectory"
+    try:
+        steps = press_steps(
+            all_nodes,
+            gaps_at,
+            nearest_mm,
+            level,
+            by_force=trajectory.by_force,
+            drag=(float(drag[0, 0]), float(drag[0, 1])) if is_straight else (0.0, 0.0),
+            **memory,
         )
+    except UsageError as error:  # a map that slides away sinks in with what is left of it
+        if text := texture_warning(shape.name, texture_end_ms(shape, trajectory, (0.0, 0.0))):
+            raise UsageError(f"{error}; {text}", argument="trajectory") from error
+        raise
+    forces = steps.forces_n
     window = pad.averaged_mm / (fastest * stride) if speed.any() else 1.0
     loaded = np.maximum(level, 0.0)
     share = loaded / np.maximum(_moving_mean(loaded, window), 1e-12)
@@ -308,13 +311,23 @@ def _moving_mean(values: FloatArray | SingleArray, window: float) -> FloatArray:
     return np.asarray(((integral(last) - integral(first)).T / (last - first)).T)
 
 
+def _middle_mm(contact: ContactHistory) -> tuple[float, float]:
+    """Middle of the contact at its largest force, in the plane of the shape."""
+    force_n = contact.forces_n[int(contact.total_n.argmax())]
+    x_mm, z_mm = contact.nodes.seen_mm
+    total_n = max(float(force_n.sum()), 1e-30)
+    return float(force_n @ x_mm) / total_n, float(force_n @ z_mm) / total_n
+
+
 def contact_warnings(
     pad: Pad, shape: Shape | None, trajectory: Trajectory, contact: ContactHistory
 ) -> list[str]:
     """Warnings of a contact, see `fembridge.touching.contact_warnings`."""
     if not contact.forces_n.size:
         return []
-    narrow = None
+    narrow, ended, end_ms = None, shape, None
+    if shape is not None:
+        end_ms = texture_end_ms(shape, trajectory, _middle_mm(contact))
     if trajectory.pins is not None:
         narrowest_mm = min(diameter_mm for *_, diameter_mm in trajectory.pins.positions)
         narrow = narrow_warning(pad, "a pin", narrowest_mm)
@@ -326,5 +339,6 @@ def contact_warnings(
         width_mm = narrow_part_mm(pad, shape, contact.nodes, contact.forces_n[hardest])
         narrow = narrow_warning(pad, shape.name, width_mm)
     end = end_warning(pad, contact.nodes, contact.forces_n)
-    texts = (end, narrow, depth_warning(float(contact.depth_um.max())))
+    deep = depth_warning(float(contact.depth_um.max()))
+    texts = (end, narrow, deep, None if ended is None else texture_warning(ended.name, end_ms))
     return [text for text in texts if text]

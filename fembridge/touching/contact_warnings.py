@@ -12,6 +12,7 @@ import numpy as np
 
 from fembridge.touching.pad import Pad, SkinNodes
 from fembridge.touching.shape import Shape
+from fembridge.touching.trajectory import Trajectory
 from fembridge.typing import BoolArray, FloatArray, SingleArray
 
 # Up to here small strain was compared with large strain (docs/touch.md).
@@ -65,6 +66,34 @@ def end_warning(pad: Pad, nodes: SkinNodes, forces_n: FloatArray | SingleArray) 
     return (
         f"contact reaches the end of the skin that may be touched, {pad.limits}: the "
         f"last nodes carry up to {', '.join(parts)} of the force, and skin beyond them is missing"
+    )
+
+
+def texture_end_ms(
+    shape: Shape, trajectory: Trajectory, middle_mm: tuple[float, float]
+) -> float | None:
+    """When the end of a height map that slides passes the middle of the contact; None: never.
+
+    Before it has come there, the map has not ended.
+    """
+    half_mm = shape.half_size_mm
+    if half_mm is None or trajectory.x_mm is None or trajectory.z_mm is None:
+        return None
+    x_mm, z_mm = shape.own_position_mm(
+        middle_mm[0] - trajectory.x_mm, middle_mm[1] - trajectory.z_mm
+    )
+    is_over = (np.abs(x_mm) <= half_mm[0]) & (np.abs(z_mm) <= half_mm[1])
+    if not is_over.any() or is_over[-1]:
+        return None
+    return float((np.flatnonzero(is_over)[-1] + 1) * trajectory.dt_ms)
+
+
+def texture_warning(name: str, end_ms: float | None) -> str | None:
+    """Warning of a height map that slides away; None if it does not."""
+    if end_ms is None:
+        return None
+    return (
+        f"{name} ends after {end_ms:g} ms: a shorter slide is needed, or a map that repeats (tile)"
     )
 
 

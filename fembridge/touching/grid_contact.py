@@ -82,9 +82,9 @@ class GridContactSolver:
         possible = np.isfinite(gap)
         if force_n is None:
             possible &= gap < 0
-            if not possible.any():
-                self._forces[:] = self._moved[:] = 0.0
-                return np.zeros(gap_mm.size), 0.0
+        if not possible.any():
+            self._forces[:] = self._moved[:] = 0.0
+            return np.zeros(gap_mm.size), 0.0
         gap[~np.isfinite(gap)] = 0.0
         forces = self._forces
         if forces[~possible].any() or not forces.any():
@@ -249,7 +249,7 @@ class _Blocks:
     def first_forces(
         self, gap: SingleArray, possible: BoolArray, force_n: float | None
     ) -> SingleArray:
-        """Forces to start from: on the nodes nearest to the shape, or half as deep as it or more."""
+        """Forces to start from: on nodes nearest to the shape, or half as deep as it or more."""
         least_mm = float(gap[possible].min())
         if force_n is not None:
             near = possible & (gap < least_mm + _FIRST_MM)

@@ -34,8 +34,8 @@ from fembridge.typing import FloatArray, SingleArray
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-RIDGES = "whorl"
-"""Default fingerprint."""
+RIDGES = "loop"
+"""Default fingerprint: the pattern of most fingers."""
 # Waves that are kept of the difference: a half-band filter of seven nodes, 1 for long waves, a
 # half at four nodes a wave, 0 at two.
 _FILTER = np.array([-1, 0, 9, 16, 9, 0, -1]) / 32

@@ -96,6 +96,9 @@ class Shape:
         Position of the middle across and along the finger in mm. Default: 0.
     angle_deg
         Rotation in deg, counter-clockwise as seen from above. Default: 0.
+    half_size_mm
+        Half the columns and half the rows of a height map in mm. Default: None, no map, or one that
+        repeats.
     origin
         Digest and pixel of a height map, for the record. Default: nothing.
 
@@ -116,6 +119,7 @@ class Shape:
     x_mm: float = 0.0
     z_mm: float = 0.0
     angle_deg: float = 0.0
+    half_size_mm: tuple[float, float] | None = None
     origin: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -146,11 +150,7 @@ class Shape:
         x_mm, z_mm
             Positions across and along the finger in mm, ``(N,)`` or any shapes that broadcast.
         """
-        turn = math.radians(self.angle_deg)
-        across, along = x_mm - self.x_mm, z_mm - self.z_mm
-        x = math.cos(turn) * across + math.sin(turn) * along
-        z = -math.sin(turn) * across + math.cos(turn) * along
-        return self.height(x, z)
+        return self.height(*self.own_position_mm(x_mm, z_mm))
 
     def moved(self, x_mm: float, z_mm: float) -> "Shape":
         """The shape, moved across and along the finger.
@@ -171,6 +171,20 @@ class Shape:
             Angle in deg, counter-clockwise as seen from above.
         """
         return replace(self, angle_deg=self.angle_deg + angle_deg)
+
+    def own_position_mm(self, x_mm: FloatArray, z_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Positions on the skin, ``(N,)``, as the shape sees them from its middle.
+
+        Parameters
+        ----------
+        x_mm, z_mm
+            Positions across and along the finger in mm.
+        """
+        turn = math.radians(self.angle_deg)
+        across, along = x_mm - self.x_mm, z_mm - self.z_mm
+        x = math.cos(turn) * across + math.sin(turn) * along
+        z = -math.sin(turn) * across + math.cos(turn) * along
+        return x, z
 
     # ---- Shapes
 
@@ -356,7 +370,12 @@ class Shape:
 
     @classmethod
     def from_heights(
-        cls, raised_mm: FloatArray, pixel_mm: float, name: str = "height map"
+        cls,
+        raised_mm: FloatArray,
+        pixel_mm: float,
+        name: str = "height map",
+        *,
+        tile: bool = False,
     ) -> "Shape":
         """A height map: heights on a grid, bilinear between the middles of pixels.
 
@@ -369,6 +388,8 @@ class Shape:
             Size of a pixel in mm.
         name
             Name of the shape. Default: ``height map``.
+        tile
+            Whether the map repeats without end, in both directions. Default: False.
 
         Raises
         ------
@@ -397,9 +418,17 @@ class Shape:
         filled = np.nanmax(raised) - raised
         filled[hole] = _HOLE_MM
         digest = sha256(np.ascontiguousarray(raised).tobytes()).hexdigest()
-        origin = {"pixel_mm": float(pixel_mm), "pixels": list(raised.shape), "sha256": digest}
-        height = partial(_map_height, heights_mm=filled, pixel_mm=pixel_mm)
-        return cls(name, height, origin=origin)
+        origin: dict[str, object] = {
+            "pixel_mm": float(pixel_mm),
+            "pixels": list(raised.shape),
+            "sha256": digest,
+        }
+        if tile:
+            origin["tile"] = True
+        height = partial(_map_height, heights_mm=filled, pixel_mm=pixel_mm, tile=tile)
+        rows, columns = raised.shape
+        half_mm = None if tile else (0.5 * columns * pixel_mm, 0.5 * rows * pixel_mm)
+        return cls(name, height, half_size_mm=half_mm, origin=origin)
 
     @classmethod
     def read(
@@ -407,6 +436,8 @@ class Shape:
         path: Path | str,
         pixel_mm: float,
         relief_mm: float = 0.5,
+        *,
+        tile: bool = False,
     ) -> "Shape":
         """A height map of a file: a picture, or heights in mm as CSV.
 
@@ -421,6 +452,8 @@ class Shape:
             Size of a pixel in mm.
         relief_mm
             Height of white over black in mm; negative: of black over white. Default: 0.5.
+        tile
+            Whether the map repeats without end, in both directions. Default: False.
 
         Raises
         ------
@@ -437,7 +470,7 @@ class Shape:
         content = read_bytes(path, _MAX_FILE_BYTES, UsageError)
         is_table = path.suffix.lower() in _TABLE_SUFFIXES and not content.startswith(SIGNATURE)
         if is_table:
-            return cls.from_heights(_table(path, content), pixel_mm, path.name)
+            return cls.from_heights(_table(path, content), pixel_mm, path.name, tile=tile)
         if not _LEAST_MM <= abs(relief_mm) <= _MOST_MM:
             raise UsageError(
                 f"relief_mm is {relief_mm:g}, expected {_LEAST_MM:g} to {_MOST_MM:g}, or minus that"
@@ -457,7 +490,7 @@ class Shape:
                 f"{path.name}: its rim is raised, a plate with holes; --relief-mm {-relief_mm:g} "
                 f"raises {'dark' if relief_mm > 0 else 'light'} parts instead"
             )
-        return cls.from_heights(abs(relief_mm) * raised, pixel_mm, path.name)
+        return cls.from_heights(abs(relief_mm) * raised, pixel_mm, path.name, tile=tile)
 
 
 SHAPES: Mapping[str, Callable[..., Shape]] = {
@@ -470,7 +503,11 @@ SHAPES: Mapping[str, Callable[..., Shape]] = {
 
 
 def resolve_shape(
-    shape: str | Shape, pixel_mm: float | None = None, relief_mm: float | None = None
+    shape: str | Shape,
+    pixel_mm: float | None = None,
+    relief_mm: float | None = None,
+    *,
+    tile: bool = False,
 ) -> Shape:
     """The shape of a specification such as ``sphere:diameter_mm=4``, or of a file of heights.
 
@@ -481,6 +518,8 @@ def resolve_shape(
     pixel_mm, relief_mm
         Sizes in mm of a height map, see `Shape.read`. Default: None, `shape` is none; the
         relief of a picture is 0.5.
+    tile
+        Whether a height map repeats without end. Default: False.
 
     Raises
     ------
@@ -499,14 +538,15 @@ def resolve_shape(
             raise UsageError(
                 f"is for a picture, and {path} has heights in mm", argument="relief_mm"
             )
-        return Shape.read(path, pixel_mm, 0.5 if relief_mm is None else relief_mm)
+        return Shape.read(path, pixel_mm, 0.5 if relief_mm is None else relief_mm, tile=tile)
 
     if not isinstance(shape, Shape | str):
         raise UsageError(argument="shape", found=shape, expected="a Shape, a text or a path")
     if isinstance(shape, Shape) or shape.partition(":")[0] in SHAPES:
-        for argument, size_mm in (("pixel_mm", pixel_mm), ("relief_mm", relief_mm)):
-            if size_mm is not None:
-                raise UsageError("is for a file of heights", argument=argument, found=size_mm)
+        unused = {"pixel_mm": pixel_mm, "relief_mm": relief_mm, "tile": tile or None}
+        for argument, value in unused.items():
+            if value is not None:
+                raise UsageError("is for a file of heights", argument=argument, found=value)
     if isinstance(shape, Shape):
         return shape
     return from_specification(shape, "shape", SHAPES, read, ".png or .csv")
@@ -592,7 +632,7 @@ def _braille_height(x: FloatArray, z: FloatArray, text: str) -> FloatArray:
 
 
 def _map_height(
-    x: FloatArray, z: FloatArray, heights_mm: FloatArray, pixel_mm: float
+    x: FloatArray, z: FloatArray, heights_mm: FloatArray, pixel_mm: float, *, tile: bool = False
 ) -> FloatArray:
     from scipy.ndimage import map_coordinates
 
@@ -600,6 +640,9 @@ def _map_height(
     column = np.asarray(x) / pixel_mm + 0.5 * (columns - 1)
     row = 0.5 * (rows - 1) - np.asarray(z) / pixel_mm
     column, row = np.broadcast_arrays(column, row)
+    if tile:
+        around_mm = map_coordinates(heights_mm, [row, column], order=1, mode="grid-wrap")
+        return np.where(around_mm < _HOLE_MM / 1e6, around_mm, math.inf)
     edge = 0.5 + 1e-9
     inside = (column >= -edge) & (column <= columns - 1 + edge)
     inside &= (row >= -edge) & (row <= rows - 1 + edge)

@@ -101,7 +101,7 @@ def touch(
         Fingerprint ridges on the skin, on which contact is solved on a finer grid: ``"loop"``,
         ``"whorl"``, ``"across"``, ``"along"``, with sizes as in ``"whorl:period_mm=0.5,seed=3"``,
         or a `Fingerprint`; ``"none"``: smooth skin on the nodes of the pad. Default: None,
-        ``"whorl"`` on the pad of a smooth finger, ``"none"`` on others.
+        ``"loop"`` on the pad of a smooth finger, ``"none"`` on others.
     parameters
         Neural parameters: the name of a set, the path of a TOML file, or a `ParameterSet`.
         Default: None, ``"fitted_pad"``, on a plane pad ``"fitted"``.
