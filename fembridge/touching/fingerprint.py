@@ -56,9 +56,8 @@ class Fingerprint:
     Examples
     --------
     >>> import fembridge as fb
-    >>> fb.Fingerprint("whorl", seed=3)
-    Fingerprint(pattern='whorl', period_mm=0.44, height_mm=0.1, top_share=0.0, node_mm=0.125,
-                seed=3)
+    >>> fb.Fingerprint("whorl", seed=3).period_mm
+    0.44
     """
 
     pattern: str = "loop"

@@ -48,8 +48,8 @@ TIP_RADIUS_MM = 20.0
 # A fingertip reaches so far from its middle, across and along.
 _HALF_WIDTH_MM, _HALF_LENGTH_MM = 7.0, 12.0
 _ROUNDING_MM = 1e-6
-# Responses fade from this share of the length of the prism on.
-_FADES_FROM = 0.6
+# Beyond the prism stress fades by e in so many mm, about as it does before.
+_TAIL_MM = 5.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -182,7 +182,7 @@ class PrismPad(Pad):
         )
         mirrored = np.concatenate([-self.z_mm[:0:-1], self.z_mm])
         index, weight = cubic_weights(mirrored, at_mm)
-        weight *= _faded(at_mm, float(self.z_mm[-1]))[:, None]
+        weight[at_mm > self.z_mm[-1]] = 0.0
         spread = np.zeros((mirrored.size, at_mm.size))
         np.add.at(spread, (index, np.arange(at_mm.size)[:, None]), weight)
         far = self.z_mm.size - 1
@@ -451,7 +451,9 @@ class PrismPad(Pad):
         weight = np.ones((away_mm.size, along.size), dtype=np.float32)
         if not self.plane:
             at, share = cubic_weights(along, away_mm.ravel())
-            share *= _faded(np.abs(away_mm.ravel()), float(middle[-1]))[:, None]
+            # The prism ends there: stress that did, too, would step as forces move.
+            beyond_mm = np.maximum(np.abs(away_mm.ravel()) - middle[-1], 0.0)
+            share *= np.exp(-beyond_mm / _TAIL_MM)[:, None]
             weight[:] = 0.0
             np.put_along_axis(weight, at, share.astype(np.float32), axis=1)
         stress = in_slice @ weight.reshape(x_mm.size, rows.size, along.size).transpose(0, 2, 1)
@@ -605,16 +607,6 @@ class LatticeNodes(SkinNodes):
     def to_arrays(self) -> dict[str, IntArray]:
         """Columns and rows of the nodes."""
         return {"column": self.column, "row": self.row}
-
-
-def _faded(away_mm: FloatArray, end_mm: float) -> FloatArray:
-    """Share of a response so far along the finger from the force, ``(A,)``: 1, and 0 at the end.
-
-    The prism ends free, `end_mm` away: a response that stopped there would step up
-    and down as forces move.
-    """
-    share = np.clip((away_mm / end_mm - _FADES_FROM) / (1 - _FADES_FROM), 0.0, 1.0)
-    return np.asarray(0.5 + 0.5 * np.cos(np.pi * share))
 
 
 def _lattice(nodes: SkinNodes) -> LatticeNodes:

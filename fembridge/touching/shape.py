@@ -178,7 +178,7 @@ class Shape:
         Parameters
         ----------
         x_mm, z_mm
-            Positions across and along the finger in mm.
+            Positions across and along the finger in mm, ``(N,)``.
         """
         turn = math.radians(self.angle_deg)
         across, along = x_mm - self.x_mm, z_mm - self.z_mm

@@ -342,10 +342,10 @@ def test_ridges_shake_pc_as_a_grating_slides_over_them():
 
 
 def test_stress_far_along_the_finger_fades_without_a_step():
-    """The prism ends free 13.3 mm from a force; a unit there saw forces come and go."""
-    z_mm = np.linspace(8.0, 13.5, 111)
+    """The prism ends 13.3 mm from a force; a unit there saw forces come and go."""
+    z_mm = np.linspace(8.0, 24.0, 321)
     force = PAD.nodes_from({"column": np.array([18]), "row": np.array([0])})
     place = np.full(z_mm.size, "subcutaneous_tissue"), 0 * z_mm, z_mm, 0 * z_mm + 2.0
     axial_pa = PAD.influence_pa(force, *place)[1, :, 0]
-    assert axial_pa[-1] == 0
+    assert np.abs(axial_pa[-1]) < 0.2 * np.abs(axial_pa).max()
     assert np.abs(np.diff(axial_pa)).max() < 0.05 * np.abs(axial_pa).max()

@@ -652,7 +652,7 @@ def test_stress_larger_than_the_memory_is_refused_and_some_units_are_not(monkeyp
 
 def test_a_contact_of_too_many_steps_for_the_memory_is_refused(monkeypatch):
     monkeypatch.setenv("FEMBRIDGE_MEMORY", "10K")
-    with pytest.raises(UsageError, match="contact of 101 steps"):
+    with pytest.raises(UsageError, match="contact of 35 steps"):
         slide = Trajectory.slide(40, press_um=200, duration_ms=50)
         fb.touch("plate", slide, population="one_each")
 
