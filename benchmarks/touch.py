@@ -16,6 +16,7 @@ from decks.synthesis import make_stimulus
 from fembridge.touching.contact import ContactSolver
 from fembridge.touching.pad_file import resolve_pad
 from fembridge.touching.population import Population
+from fembridge.touching.ridged_pad import with_ridges
 from fembridge.touching.shape import Shape
 from fembridge.touching.touch import touch_skin
 from fembridge.touching.trajectory import PinArray, Trajectory
@@ -57,8 +58,8 @@ def pin_array(count):
     return None, trajectory
 
 
-def touched(shape, trajectory, units=UNITS_958):
-    return lambda: touch_skin(PAD, shape, trajectory, units, PARAMETERS)
+def touched(shape, trajectory, units=UNITS_958, pad=PAD):
+    return lambda: touch_skin(pad, shape, trajectory, units, PARAMETERS)
 
 
 def contact_table():
@@ -123,6 +124,15 @@ def main():
         ("dots 2 mm apart, scanned for 1 s", touched(Shape.dots(2.0), scan)),
     ):
         print(f"{name:45}{seconds(job):8.2f} s")
+    ridged = with_ridges(PAD, "loop")
+    grating = Trajectory.slide(40.0, press_n=0.5, duration_ms=1000)
+    for name, shape, trajectory in (
+        ("one pin", Shape.punch(1.0), sine),
+        ("dots 2 mm apart", Shape.dots(2.0), scan),
+        ("a grating of 1 mm, 0.5 N", Shape.grating(0.5, 0.5), grating),
+    ):
+        taken = [seconds(touched(shape, trajectory, pad=pad)) for pad in (ridged, PAD)]
+        print(f"{name:45}{taken[0]:8.2f} s on ridged skin, {taken[1]:.2f} s on smooth skin")
     touchsim_table()
     print("\nunits     s (one pin, 250 ms)")
     for density in (0.25, 1.0, 4.0, 16.0):

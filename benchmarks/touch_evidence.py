@@ -1,13 +1,17 @@
 """What is known of real afferents beside what the fingertip does: fields, distance, edges.
 
-``python -m benchmarks.touch_evidence``: receptive-field areas at 4.5 times threshold
+``python -m benchmarks.touch_evidence textures RATES.csv [RIDGES ...]``: rates and swings of stress
+under scanned gratings and dots, beside recorded rates (columns ``shape,afferent,rate_ips``).
+Without arguments: receptive-field areas at 4.5 times threshold
 (Vallbo & Johansson 1980), amplitude for one impulse a cycle against distance (Johnson
 1974, Fig. 7), bars and gaps pressed by 1 mm, and dots scanned at 40 mm/s.
 """
 
+import sys
 from dataclasses import replace
 
 import numpy as np
+import pandas
 from scipy.stats import norm
 
 import fembridge as fb
@@ -15,6 +19,7 @@ from decks.stimuli import DT_MS
 from fembridge.touching.contact import press_to
 from fembridge.touching.pad_file import resolve_pad
 from fembridge.touching.population import ENDINGS_MM, Population
+from fembridge.touching.ridged_pad import with_ridges
 from fembridge.touching.shape import Shape
 from fembridge.touching.stress import von_mises_pa
 from fembridge.touching.touch import touch_skin
@@ -134,7 +139,63 @@ def dots(press_n=0.3):
         )
 
 
+def textures(rates_csv, ridges, press_n=0.3, speed_mm_per_s=80.0, duration_ms=400.0):
+    """Mean rates and median swings of stress of 35 units a class, after the first 100 ms."""
+    recorded = pandas.read_csv(rates_csv).set_index(["shape", "afferent"])["rate_ips"]
+    x, z = (grid.ravel() for grid in np.meshgrid(np.arange(-1, 1.1), np.arange(-1.5, 1.6, 0.75)))
+    classes = ("SA", "RA", "PC")
+    five = norm.ppf((np.arange(5) + 0.5) / 5)
+    units = Population.at(
+        np.repeat(classes, x.size).tolist(),
+        np.tile(x, 3),
+        np.tile(z, 3),
+        deviate=np.tile(five[np.arange(x.size) % 5], 3),
+    )
+    slide = Trajectory.slide(
+        speed_mm_per_s, press_n=press_n, direction_deg=90, duration_ms=duration_ms
+    )
+    first = round(100 / slide.dt_ms)
+    skin = with_ridges(PAD, ridges)
+    rates = {name: [] for name in classes}
+    print(f"textures on {ridges}: model (recorded) impulses/s, swing in Pa at 15-50-150-400 Hz")
+    shapes = list(dict.fromkeys(shape for shape, _ in recorded.index))
+    for name in shapes:
+        kind, period = name.split("_")
+        half_mm = float(period) / 2
+        grating = Shape.grating(half_mm, half_mm, 0.5)
+        shape = grating if kind == "grating" else Shape.dots(float(period), 0.5, 0.4)
+        touched = touch_skin(skin, shape, slide, units, PARAMETERS)
+        late = touched.fired.unit[touched.fired.time_ms > 100]
+        counts = np.bincount(late, minlength=len(units)).reshape(3, -1) * 1e3 / (duration_ms - 100)
+        stress = touched.stress_pa[first:]
+        window = np.hanning(len(stress))
+        power = np.abs(np.fft.rfft((stress - stress.mean(axis=0)) * window[:, None], axis=0)) ** 2
+        hz = np.fft.rfftfreq(len(stress), slide.dt_ms / 1e3)
+        texts = []
+        for afferent, count, of_class in zip(classes, counts, np.split(power, 3, 1), strict=True):
+            rates[afferent].append((count.mean(), recorded[name, afferent]))
+            bands = [
+                np.sqrt(2 * of_class[(hz >= low) & (hz < high)].sum(axis=0) / len(stress))
+                / np.sqrt(np.square(window).sum())
+                for low, high in ((15, 50), (50, 150), (150, 400))
+            ]
+            swings = " ".join(f"{np.median(band):.0f}" for band in bands)
+            texts.append(f"{afferent} {count.mean():.0f} ({recorded[name, afferent]:.0f}) {swings}")
+        print(f"  {name}: {', '.join(texts)}")
+    for afferent, pairs in rates.items():
+        model, observed = np.array(pairs).T
+        missed = np.square(model - observed).sum() / np.square(observed - observed.mean()).sum()
+        print(
+            f"  {afferent}: {model.sum() / observed.sum():.2f} of the recorded rates, R2 "
+            f"{1 - missed:.2f}, correlation {np.corrcoef(model, observed)[0, 1]:.2f}"
+        )
+
+
 if __name__ == "__main__":
+    if sys.argv[1:2] == ["textures"]:
+        for ridges in sys.argv[3:] or ["none", "loop"]:
+            textures(sys.argv[2], ridges)
+        sys.exit()
     fields()
     decay()
     for deviate in (0.0, KEENEST):

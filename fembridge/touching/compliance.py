@@ -177,8 +177,8 @@ class GridCompliance(Compliance):
         # Nodes of the pad around the rows of the window, one more at each end.
         first_node = first_row // rows_per_node - 1
         last_node = -(-(first_row + self.shape[1] - 1) // rows_per_node) + 1
-        place = (first_row + np.arange(self.shape[1])) / rows_per_node - first_node
-        along = interpolation_weights(place, last_node - first_node + 1)
+        row_position = (first_row + np.arange(self.shape[1])) / rows_per_node - first_node
+        along = interpolation_weights(row_position, last_node - first_node + 1)
         self._along = along.astype(np.float32)
         self._padded = tuple(fft.next_fast_len(2 * count - 1, real=True) for count in self.shape)
         self._kernel_hat = _even_spectrum(kernel_mm[: self.shape[0], : self.shape[1]], self._padded)
@@ -218,9 +218,9 @@ class GridCompliance(Compliance):
     def entries_mm(self, rows: IntArray, columns: IntArray) -> SingleArray:
         """Entries of the table in single precision, ``(rows, columns)``, without drag."""
         across, _, along = self._table_mm.shape
-        place = np.abs(self._row[rows][:, None] - self._row[columns])
-        place += (self._column[rows] * (across * along))[:, None] + self._column[columns] * along
-        entries: SingleArray = self._table_mm.ravel().take(place)
+        index = np.abs(self._row[rows][:, None] - self._row[columns])
+        index += (self._column[rows] * (across * along))[:, None] + self._column[columns] * along
+        entries: SingleArray = self._table_mm.ravel().take(index)
         return entries
 
     def apply_mm(self, forces_n: SingleArray) -> SingleArray:
@@ -251,8 +251,8 @@ class GridCompliance(Compliance):
         weight = np.convolve(np.ones(side), np.ones(side)) / side**2
         apart = np.abs(np.arange(-side + 1, side))
         near = np.minimum(apart, min(self._kernel_mm.shape) - 1)
-        own = weight @ self._kernel_mm[np.ix_(near, near)] @ weight
-        between[np.diag_indices_from(between)] += own - self._kernel_mm[0, 0]
+        own_mm = weight @ self._kernel_mm[np.ix_(near, near)] @ weight
+        between[np.diag_indices_from(between)] += own_mm - self._kernel_mm[0, 0]
         return np.asarray(between, dtype=np.float64)
 
     def moved_mm(self, rows: IntArray, forces_n: FloatArray) -> FloatArray:
@@ -319,15 +319,15 @@ def _even_spectrum(kernel: FloatArray, padded: tuple[int, ...]) -> SingleArray:
     return np.ascontiguousarray(fft.rfft2(around).real, dtype=np.float32)
 
 
-def interpolation_weights(place: FloatArray, count: int) -> FloatArray:
-    """Lagrange's cubic weights ``(P, count)`` of nodes at 0, 1, 2 ... for places ``(P,)``."""
-    first = np.clip(np.floor(place).astype(np.int64) - 1, 0, max(count - 4, 0))
+def interpolation_weights(position: FloatArray, count: int) -> FloatArray:
+    """Lagrange's cubic weights ``(P, count)`` of nodes at 0, 1, 2 ... for positions ``(P,)``."""
+    first = np.clip(np.floor(position).astype(np.int64) - 1, 0, max(count - 4, 0))
     knots = first[:, None] + np.arange(min(4, count))
     weights = np.ones(knots.shape)
     for knot in range(knots.shape[1]):
         for other in range(knots.shape[1]):
             if knot != other:
-                weights[:, knot] *= (place - knots[:, other]) / (knot - other)
-    table = np.zeros((place.size, count))
+                weights[:, knot] *= (position - knots[:, other]) / (knot - other)
+    table = np.zeros((position.size, count))
     np.put_along_axis(table, knots, weights, axis=1)
     return table

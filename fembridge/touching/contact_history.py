@@ -312,8 +312,8 @@ def _moving_mean(values: FloatArray | SingleArray, window: float) -> FloatArray:
 
 
 def _middle_mm(contact: ContactHistory) -> tuple[float, float]:
-    """Middle of the contact at its largest force, in the plane of the shape."""
-    force_n = contact.forces_n[int(contact.total_n.argmax())]
+    """Middle of the contact once it has half of its largest force, in the plane of the shape."""
+    force_n = contact.forces_n[int((contact.total_n >= 0.5 * contact.total_n.max()).argmax())]
     x_mm, z_mm = contact.nodes.seen_mm
     total_n = max(float(force_n.sum()), 1e-30)
     return float(force_n @ x_mm) / total_n, float(force_n @ z_mm) / total_n

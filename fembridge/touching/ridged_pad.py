@@ -167,9 +167,9 @@ class RidgedPad(PrismPad):
         count = np.diff(in_row.indptr)[node]
         pair = np.repeat(np.arange(node.size), count)
         start = in_row.indptr[node[pair]]
-        place = start + np.arange(pair.size) - np.repeat(np.cumsum(count) - count, count)
-        column, row = near[pair], in_row.indices[place]
-        weight = across[node[pair], column] * in_row.data[place]
+        entry = start + np.arange(pair.size) - np.repeat(np.cumsum(count) - count, count)
+        column, row = near[pair], in_row.indices[entry]
+        weight = across[node[pair], column] * in_row.data[entry]
         number, used = np.unique(column * rows + row, return_inverse=True)
         weights = csr_array(
             (weight.astype(np.float32), (node[pair], used)), shape=(nodes.size, number.size)

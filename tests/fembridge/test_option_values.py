@@ -214,6 +214,7 @@ def test_a_use_names_options_that_there_are():
         ("touch --press-um 300 --friction 0.4", "--friction is for a shape that slides"),
         ("touch --press-um 300 --seed 3", "--seed is for --noise-mv more than 0"),
         ("touch --press-um 300 --pixel-mm 1", "--pixel-mm is for --shape FILE"),
+        ("touch --press-um 300 --tile", "--tile is for --shape FILE"),
         ("touch --press-um 300 --shape a.csv --pixel-mm 1 --relief-mm 1", "FILE, a picture"),
         ("touch --pins pins.csv --shape punch", "--shape is for a shape, not for --pins"),
         ("receptive-field --afferent PC --endings-mm 1", "--afferent SA or RA"),

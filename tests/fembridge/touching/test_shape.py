@@ -357,3 +357,12 @@ def test_a_table_of_heights_that_is_damaged_is_refused_or_has_another_number_in_
             continue
         old, new = chr(whole[position]), chr(damaged[position])
         assert new == old or (old in ".0123456789" and new in "0123456789+-.eE \n\r"), (old, new)
+
+
+def test_a_tiled_map_repeats_in_both_directions():
+    heights = np.random.default_rng(1).uniform(0, 1, (7, 5))
+    tiled = Shape.from_heights(heights, 0.2, tile=True)
+    x, z = np.random.default_rng(2).uniform(-0.4, 0.4, (2, 50))
+    assert_allclose(tiled.height_mm(x + 3 * 5 * 0.2, z - 2 * 7 * 0.2), tiled.height_mm(x, z))
+    assert_allclose(tiled.height_mm(x, z), Shape.from_heights(heights, 0.2).height_mm(x, z))
+    assert tiled.to_table()["tile"] is True

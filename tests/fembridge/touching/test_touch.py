@@ -395,6 +395,47 @@ def test_a_shape_that_never_touches_leaves_the_skin_at_rest():
     assert not held.stress_pa.any() and not held.force_n.any() and not held.fired.time_ms.size
 
 
+@pytest.mark.parametrize("ridges", ["none", "loop"])
+@pytest.mark.parametrize(
+    "trajectory",
+    [
+        Trajectory.press(press_um=0, hold_ms=5),
+        Trajectory.press(press_n=0, hold_ms=5),
+        Trajectory.slide(40, press_n=0, duration_ms=20),
+        Trajectory(depth_um=-np.ones(40), x_mm=0.02 * np.arange(40), z_mm=np.zeros(40)),
+    ],
+)
+def test_a_touch_of_nothing_has_no_force_and_no_spikes(trajectory, ridges, tmp_path):
+    touched = fb.touch("sphere", trajectory, population="one_each", ridges=ridges)
+    assert not touched.force_n.any() and not touched.stress_pa.any()
+    assert not touched.fired.time_ms.size
+    touched.write(tmp_path)
+    assert not fb.Touch.read(tmp_path).force_n.any()
+
+
+def test_a_path_beside_the_pad_touches_nothing():
+    path = Trajectory(depth_um=50 * np.ones(40), x_mm=0.02 * np.arange(40), z_mm=np.zeros(40))
+    touched = fb.touch("punch", path, at_mm=(30.0, 0.0), population="one_each")
+    assert not touched.force_n.any() and not touched.fired.time_ms.size
+
+
+def test_a_height_map_that_slides_away_says_when_it_ends():
+    """Half of 8 mm at 80 mm/s from the middle of the pad, which is where it was pressed."""
+    heights = np.zeros((80, 80))
+    slide = Trajectory.slide(80, press_um=200, duration_ms=80)
+    with pytest.warns(FembridgeWarning, match=r"ends after (49|5\d)"):
+        fb.touch(Shape.from_heights(heights, 0.1), slide, population="one_each")
+    endless = Shape.from_heights(heights, 0.1, tile=True)
+    touched = fb.touch(endless, slide, population="one_each")
+    assert touched.provenance["warnings"] == []
+    plate = fb.touch("plate", slide, population="one_each")
+    assert_allclose(touched.force_n, plate.force_n, rtol=1e-3)
+    heavy = Trajectory.slide(80, press_n=0.2, duration_ms=200)
+    with pytest.raises(UsageError, match="ends after 50") as error:
+        fb.touch(Shape.from_heights(heights, 0.1), heavy, population="one_each")
+    assert error.value.argument == "trajectory"
+
+
 def test_contact_at_the_end_of_the_skin_warns_with_its_place():
     tilted = Shape("tilted plate", lambda x, z: np.clip(4.4 - x, 0.0, 9.0) + 0.0 * z)
     brief = Trajectory.press(press_um=200, hold_ms=20)
