@@ -65,6 +65,7 @@ from fembridge.trace import (
 from fembridge.typing import FloatArray, Table
 from fembridge.version import __version__
 from neural import Parameters, ParameterSet, mean_rate_ips, parameter_set
+from neural.parameters import DT_MS
 from neural.time_step import fits_step
 
 if TYPE_CHECKING:
@@ -614,10 +615,13 @@ def _prepare_traces(
                 found=peak_pa,
                 expected=f"at most {_MAX_PA:g} Pa",
             )
-        if abs(dt_ms - step_ms) > _STEP_TOLERANCE * step_ms:
+        fits = fits_step(parameters[afferent], dt_ms)
+        # Between samples of 0.5 ms, the step of the paper, the encoder interpolates well.
+        is_fine = fits and step_ms < dt_ms <= DT_MS
+        if abs(dt_ms - step_ms) > _STEP_TOLERANCE * step_ms and not is_fine:
             warning = doubt_of_step(stress_pa, dt_ms, step_ms)
             other_steps.setdefault((dt_ms, step_ms), []).append(warning)
-            if not fits_step(parameters[afferent], dt_ms):
+            if not fits:
                 _, stress_pa = resample(trace.times_ms, stress_pa, step_ms)
                 dt_ms = step_ms
         prepared.append(
