@@ -22,7 +22,8 @@ After three still samples the rest is known, and the onset counts.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cache
 from itertools import accumulate
 from typing import Any
 
@@ -36,32 +37,23 @@ from fembridge.typing import FloatArray
 # and M2 behind, (2) looks M3 ahead and M4 behind. At 0.5 ms that is 4.5 ms ahead.
 M1, M2, M3, M4 = 9, 9, 9, 8
 
-# Frequency of the largest gain of `corpuscle`. Recorded thresholds of Pacinian afferents fall
-# up to 205 Hz, the highest frequency of Freeman & Johnson (1982); the membrane, which sums each
-# swing, shifts the highest sensitivity to lower frequencies.
-CORPUSCLE_HZ = 300.0
+# Poles of `corpuscle`: three high passes and two low passes. Recorded thresholds of Pacinian
+# afferents fall up to 205 Hz, the highest frequency of Freeman & Johnson (1982).
+CORPUSCLE_HIGH_HZ, CORPUSCLE_LOW_HZ = 500.0, 135.0
+_HIGH_PASSES, _LOW_PASSES = 3, 2
 
-# Exponent of the compression, and weight of negative values: of the tested values the best on
-# thresholds, and among the best on a held-out frequency (decision 0041).
-CORPUSCLE_POWER = 0.6
-NEGATIVE_SHARE = 0.85
+# Exponent of the compression, and weight of negative values (decision 0056).
+CORPUSCLE_POWER = 0.5
+NEGATIVE_SHARE = 0.5
 
-# The step response of `corpuscle` is cut off where it has fallen to this value.
-_RESPONSE_CUTOFF = 1.0e-14
-
-# Time constant with which the response of SA to sustained stress fades: the slowly inactivating
-# current of Merkel cells has about 200 ms (Gerling et al. 2018, PLoS Comput. Biol. 14, e1006264).
-FADE_MS = 200.0
-
-# Share of a sustained stress that fades.
-FADING_SHARE = 0.5
+# Parts of a sustained stress to which the response of SA fades: share, and time constant in ms.
+# The slowly inactivating currents of Merkel cells have about 200 ms and seconds (Gerling et al.
+# 2018, PLoS Comput. Biol. 14, e1006264). Chosen by ramp-and-hold recordings (decision 0056).
+FADES = ((0.8, 100.0), (0.1, 3000.0))
 
 # Cutoff frequency of the response of SA to movement: of the tested values the best on a held-out
 # frequency (decision 0032). Without it SA would fire 200 impulses/s at a strong 400 Hz.
 SLOW_HZ = 100.0
-
-# Maximum length of the step response of `corpuscle` in samples.
-_MAX_RESPONSE_SAMPLES = 1 << 20
 
 # Up to this number of columns each is filtered separately, in blocks of this many samples.
 _MAX_COLUMNS_ONE_BY_ONE, _BLOCK = 20, 65_536
@@ -134,13 +126,23 @@ class Past:
     """State of a recursive filter between two parts of a trace.
 
     The filter reads a part with samples around it: the first `before` samples belong to the
-    previous part, the next `count` are the part. `value` is the output of the recursion at the
-    sample before the part; None at the start of the trace.
+    previous part, the next `count` are the part. `value` is the state of the recursion at the
+    sample before the part; None at the start of the trace. `stages` are the states of the stages
+    of a filter that has several.
     """
 
     before: int = 0
     count: int = 0
     value: FloatArray | None = None
+    stages: list["Past"] = field(default_factory=list)
+
+    def stage(self, number: int) -> "Past":
+        """State of stage `number` from 0, for the same part."""
+        if number == len(self.stages):
+            self.stages.append(Past())
+        stage = self.stages[number]
+        stage.before, stage.count = self.before, self.count
+        return stage
 
 
 def slow_rate(
@@ -160,65 +162,67 @@ def slow_rate(
 def faded(
     stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward", past: Past | None = None
 ) -> FloatArray:
-    """Sustained drive of SA in Pa: stress minus its faded part.
+    """Sustained drive of SA in Pa: stress minus its faded parts.
 
-    ``max(σ − FADING_SHARE s, 0)``, where s follows σ with the time constant `FADE_MS` and
-    equals σ at the first sample: stress before the trace has faded. With `past`, `stress_pa`
-    is a part of a trace, and outputs before the part are undefined.
+    ``max(σ − Σ share s, 0)`` over the rows of `FADES`, where s follows σ with the time constant
+    of its row and equals σ at the first sample: stress before the trace has faded. With `past`,
+    `stress_pa` is a part of a trace, and outputs before the part are undefined.
     """
     stress = checked_stress(stress_pa, dt_ms, derivative)
-    gain = -math.expm1(-dt_ms / FADE_MS)
-    followed = _recursion(stress, lambda before, value: before + gain * (value - before), past)
-    remaining: FloatArray = np.maximum(stress - FADING_SHARE * followed, 0.0)
-    return remaining
+    remaining = stress.copy()
+    for number, (share, fade_ms) in enumerate(FADES):
+        remaining -= share * _followed(stress, dt_ms / fade_ms, past and past.stage(number))
+    return np.maximum(remaining, 0.0, out=remaining)
 
 
-def corpuscle(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
-    """Drive of PC in Pa^0.6: stress filtered by a Pacinian corpuscle and compressed.
+def _followed(stress: FloatArray, steps: float, past: Past | None) -> FloatArray:
+    """Stress through a low pass whose time constant is 1 / `steps` samples."""
+    gain = -math.expm1(-steps)
+    return _recursion(stress, lambda before, value: before + gain * (value - before), past)
 
-    ``max(y, 0)^p − OTHER_SIDE max(−y, 0)^p`` with p `CORPUSCLE_POWER`: y is σ through
-    three one-pole high passes and three low passes, all at `CORPUSCLE_HZ`, with the gain
-    ``(r / (1 + r²))³`` at r times that frequency. A constant stress gives 0 at any `dt_ms`.
 
-    Notes
-    -----
-    Computed as ``y(t) = Σ h(k) (σ(t − k dt) − σ(t − (k + 1) dt))`` with the step response
-    h of the filter, so that a still finger gives exactly 0.
+def corpuscle(
+    stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward", past: Past | None = None
+) -> FloatArray:
+    """Drive of PC in Pa^p: stress filtered by a Pacinian corpuscle and compressed.
+
+    ``max(y, 0)^p − NEGATIVE_SHARE max(−y, 0)^p`` with p `CORPUSCLE_POWER`: y is σ through three
+    one-pole high passes at `CORPUSCLE_HIGH_HZ` and two low passes at `CORPUSCLE_LOW_HZ`, by the
+    trapezoidal rule, which keeps the gain at low frequencies at any `dt_ms`. Stress before the
+    trace is that of the first sample. With `past`, `stress_pa` is a part of a trace, and outputs
+    before the part are 0.
     """
+    from scipy.signal import sosfilt
+
     stress = checked_stress(stress_pa, dt_ms, derivative)
+    sections = _corpuscle_sections(dt_ms)
+    start = 0 if past is None else past.before
+    if past is None or past.value is None:
+        start, first = 0, stress[0]
+        state = np.zeros((len(sections), 2, *stress.shape[1:]))
+    else:
+        first, state = past.value[-1, 0], past.value[:-1]
     passed = np.zeros_like(stress)
-    change = np.diff(stress, axis=0)
-    for lag, share in enumerate(_corpuscle_response(dt_ms, len(stress) - 1)):
-        passed[lag + 1 :] += share * change[: len(change) - lag]
+    end = len(stress) if past is None else past.before + past.count
+    passed[start:end], state = sosfilt(sections, stress[start:end] - first, axis=0, zi=state)
+    if past is not None:
+        past.value = np.concatenate([state, np.broadcast_to(first, (1, *state.shape[1:]))])
+        passed[end:] = sosfilt(sections, stress[end:] - first, axis=0, zi=state)[0]
     size = np.abs(passed) ** CORPUSCLE_POWER
     compressed: FloatArray = np.where(passed > 0, size, -NEGATIVE_SHARE * size)
     return compressed
 
 
-def corpuscle_reach(dt_ms: float) -> int:
-    """Number of preceding samples that `corpuscle` reads."""
-    return len(_corpuscle_response(dt_ms, _MAX_RESPONSE_SAMPLES)) + 1
+@cache
+def _corpuscle_sections(dt_ms: float) -> FloatArray:
+    """Second-order sections of the filter of `corpuscle`."""
+    from scipy.signal import bilinear_zpk, zpk2sos
 
-
-def _corpuscle_response(dt_ms: float, longest: int) -> list[float]:
-    """Step response of the filter of `corpuscle`, up to its cutoff.
-
-    A low pass is ``1 / (1 + s τ)``, a high pass its complement, by the trapezoidal rule, which
-    keeps the gain at low frequencies at any `dt_ms`.
-    """
-    input_share, output_share = _low_pass(CORPUSCLE_HZ, dt_ms)
-    before, lows = [0.0] * 6, [0.0] * 6
-    response: list[float] = []
-    while len(response) < longest:
-        value = 1.0
-        for stage, low in enumerate(lows):
-            lows[stage] = output_share * low + input_share * (value + before[stage])
-            before[stage] = value
-            value = value - lows[stage] if stage < 3 else lows[stage]
-        response.append(value)
-        if max(map(abs, lows[1:])) < _RESPONSE_CUTOFF and len(response) > 1:
-            break
-    return response
+    high, low = (2e-3 * math.pi * hz for hz in (CORPUSCLE_HIGH_HZ, CORPUSCLE_LOW_HZ))
+    poles = np.repeat([-high, -low], [_HIGH_PASSES, _LOW_PASSES])
+    zeros = np.zeros(_HIGH_PASSES)
+    sections: FloatArray = zpk2sos(*bilinear_zpk(zeros, poles, low**_LOW_PASSES, 1.0 / dt_ms))
+    return sections
 
 
 def _recursion(
