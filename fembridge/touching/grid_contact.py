@@ -32,6 +32,8 @@ _CHANGED_SHARE = 0.3
 _SAME_FORCE = 1e-4
 # So few nodes in contact are solved together instead of by blocks.
 _FEW_NODES = 600
+# Friction is that of the forces before; from no contact on it is taken so many times.
+_FIRST_ROUNDS = 4
 # From no contact on, skin so far from the shape is taken to touch under a force, and each node
 # has so much force at least.
 _FIRST_MM, _LEAST_N = 0.05, np.float32(1e-6)
@@ -86,16 +88,21 @@ class GridContactSolver:
             self._forces[:] = self._moved[:] = 0.0
             return np.zeros(gap_mm.size), 0.0
         gap[~np.isfinite(gap)] = 0.0
-        forces = self._forces
-        if forces[~possible].any() or not forces.any():
+        forces, drag_moved_mm = self._forces, self._compliance.drag_moved_mm
+        is_first = not forces.any()
+        if is_first or forces[~possible].any():
             forces[~possible] = 0.0
             if not forces.any():
                 forces[:] = self._blocks.first_forces(gap, possible, force_n)
             self._moved[:] = self._compliance.apply_mm(forces)
-        moved_by_drag = self._compliance.drag_moved_mm(forces)
-        if moved_by_drag is not None:
-            gap += moved_by_drag
-        depth_mm = self._gradients(gap, possible, force_n)
+        if is_first:  # forces from which friction can be taken
+            depth_mm = self._gradients(gap, possible, force_n)
+        for _ in range(_FIRST_ROUNDS if is_first else 1):
+            moved_by_drag = drag_moved_mm(forces)
+            if moved_by_drag is not None:
+                depth_mm = self._gradients(gap + moved_by_drag, possible, force_n)
+            elif not is_first:
+                depth_mm = self._gradients(gap, possible, force_n)
         pressed: FloatArray = forces.ravel()[self._at].astype(np.float64)
         if force_n is not None:
             pressed *= force_n / pressed.sum()
