@@ -161,9 +161,6 @@ def resolve_fingerprint(ridges: str | Fingerprint) -> Fingerprint | None:
         return ridges
     if not isinstance(ridges, str):
         raise UsageError(argument="ridges", found=ridges, expected="a Fingerprint or a text")
-    if ridges == NONE:
-        return None
-
     def maker(pattern: str) -> Any:  # noqa: ANN401
         def make(
             period_mm: float = 0.44,
@@ -176,6 +173,6 @@ def resolve_fingerprint(ridges: str | Fingerprint) -> Fingerprint | None:
 
         return make
 
-    makers = {name: maker(name) for name in PATTERNS}
-    fingerprint: Fingerprint = from_specification(ridges, "ridges", makers)
+    makers = {**{name: maker(name) for name in PATTERNS}, NONE: lambda: None}
+    fingerprint: Fingerprint | None = from_specification(ridges, "ridges", makers)
     return fingerprint

@@ -349,3 +349,16 @@ def test_stress_far_along_the_finger_fades_without_a_step():
     axial_pa = PAD.influence_pa(force, *place)[1, :, 0]
     assert np.abs(axial_pa[-1]) < 0.2 * np.abs(axial_pa).max()
     assert np.abs(np.diff(axial_pa)).max() < 0.05 * np.abs(axial_pa).max()
+
+
+def test_friction_moves_the_contact_as_on_the_pads_own_nodes():
+    """From the first state on: the grid takes friction from the forces of the state before."""
+    slide = Trajectory.slide(80.0, press_um=300, duration_ms=12)
+    units = Population.at(["PC"], [0.0], [0.0])
+    middles = []
+    for skin in (FLAT, PAD):
+        touched = touch_skin(skin, Shape.plate(), slide, units, parameter_set("fitted_pad"))
+        contact = touched.contact
+        middles.append((contact.forces_n @ contact.nodes.z_mm) / contact.total_n)
+    assert middles[1][0] > 0.1
+    assert_allclose(middles[0], middles[1][0], atol=0.005)
