@@ -140,7 +140,7 @@ def dots(press_n=0.3):
 
 
 def textures(rates_csv, ridges, press_n=0.3, speed_mm_per_s=80.0, duration_ms=400.0):
-    """Mean rates and median swings of stress of 35 units a class, after the first 100 ms."""
+    """Mean rates and median swings of stress of 15 units a class, after the first 100 ms."""
     recorded = pandas.read_csv(rates_csv).set_index(["shape", "afferent"])["rate_ips"]
     x, z = (grid.ravel() for grid in np.meshgrid(np.arange(-1, 1.1), np.arange(-1.5, 1.6, 0.75)))
     classes = ("SA", "RA", "PC")
