@@ -31,7 +31,7 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -51,6 +51,7 @@ from fembridge.results.fields import (
     Key,
     Scene,
     SceneCells,
+    distinct,
     is_in_sorted,
     numbers_near,
     rows_of,
@@ -64,10 +65,12 @@ from fembridge.results.history import (
 )
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.source import FieldSource, make_field, not_finite_error
-from fembridge.results.status import StaRow, read_sta
 from fembridge.results.von_mises import OneSidedStress, clear_shear
 from fembridge.trace import MS_PER_S, seconds_to_ms
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
+
+if TYPE_CHECKING:
+    from fembridge.results.status import StaRow
 
 STRESS, DISPLACEMENT = "STRESS", "DISP"
 COMPONENTS = {
@@ -918,20 +921,24 @@ def _gather(file: ByteFile, block: FrdBlock, rows: IntArray) -> Characters:
 def find_materials(index: FrdIndex, nodes: Sequence[int] | IntArray) -> IntArray:
     """Pairs of node and material of its elements, ``(M, 2)``, sorted, for all `nodes`."""
     pairs = [np.empty((0, 2), dtype=np.int64)]
-    requested = np.unique(np.asarray(nodes, dtype=np.int64))
+    requested = distinct(np.asarray(nodes, dtype=np.int64))
     if index.elements is not None and requested.size:
         few = requested.tolist() if requested.size <= _FEW_NODES else ()
         for rows in element_rows(index.file, index.elements, few):
             element, corner = np.nonzero(np.isin(rows.corners, requested))
             pairs.append(np.stack([rows.corners[element, corner], rows.material[element]], 1))
-    return np.unique(np.concatenate(pairs), axis=0)
+    return distinct(np.concatenate(pairs), axis=0)
 
 
-def read_attempts(path: Path) -> list[StaRow]:
+def read_attempts(path: Path) -> "list[StaRow]":
     """Attempts at increments in the ``.sta`` of the same name; none if it cannot be read."""
     sta_path = path.with_suffix(".sta")
+    if not sta_path.exists():
+        return []
+    from fembridge.results.status import read_sta
+
     try:
-        return read_sta(sta_path) if sta_path.exists() else []
+        return read_sta(sta_path)
     except (ResultError, OSError):
         return []
 
