@@ -127,8 +127,8 @@ _HEADING_BYTES = 4096  # searched for the heading
 # each increment (benchmarks: half the time of a float64 file, a quarter of a text file). Without
 # glibc it has no effect.
 _KEPT_BYTES = 1 << 23
-_NO_RECORDS = " has 0 records: with OUTPUT=3D CalculiX writes none for an NSET of a plane model; "
-_NO_RECORDS += "use OUTPUT=2D"
+_NO_RECORDS = " has 0 records: no element has this quantity, or it is asked for at an NSET of a "
+_NO_RECORDS += "plane model with OUTPUT=3D, for which CalculiX writes none (OUTPUT=2D writes them)"
 
 _PA = "Pa"
 # By quantity; a name that ends in I is the imaginary part. Decks are in mm, N and s; a quantity
@@ -272,6 +272,8 @@ class FrdIndex:
         self._key: Key | None = None  # of the next block
         self._count: int | None = None  # of the previous block: CalculiX numbers all blocks
         self._mode: int | None = None
+        # Of a buckling step: number of the output before mode 1, the state that buckles, factor 0.
+        self._before_modes: dict[int, int] = {}
         self._is_order_noted = self._has_iterations = False
         # Text, name, components and line end of -4 and -5 lines, by the -4 line; they repeat at
         # every increment.
@@ -510,7 +512,10 @@ class FrdIndex:
         modal = analysis in (_FREQUENCY, _BUCKLING) or line[63:73].strip() == b"MODAL"
         axis = TIME if analysis in (_STATIC, _DYNAMIC) else "number of the analysis"
         if modal:
-            increment = _parse_counts(line, (58, 63))[0] if self._mode is None else self._mode
+            [output] = _parse_counts(line, (58, 63))
+            increment = output if self._mode is None else self._mode
+            if analysis == _BUCKLING and self._mode is None:
+                increment -= self._before_modes.setdefault(step, output - (float(text) != 0))
             axis = "buckling factor" if analysis == _BUCKLING else FREQUENCY
         if flag > 3:
             raise ValueError(f"format flag {flag}")

@@ -184,6 +184,17 @@ def test_a_map_that_does_not_close_fails(tmp_path):
         assert verdicts(fb.report(tmp_path))["closure"] == verdict
 
 
+def test_a_refused_map_has_the_page_of_its_run(tmp_path):
+    shutil.copytree(run_folder(tmp_path), tmp_path / "map" / "run")
+    report = fb.report(tmp_path / "map")
+    assert (report.kind, verdicts(report)["map"]) == ("run", "doubt")
+    (tmp_path / "map" / "no_map.txt").write_text("stress depends on the path\n")
+    report = fb.report(tmp_path / "map")
+    assert (verdicts(report)["map"], verdicts(report)["deck"]) == ("failed", "ok")
+    report.write()
+    assert "depends on the path" in (tmp_path / "map" / "report.html").read_text()
+
+
 def test_the_command_writes_into_the_folder(folders, capsys):
     assert main(["report", str(folders / "simulation")]) == 0
     page = folders / "simulation" / "report.html"

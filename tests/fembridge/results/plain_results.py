@@ -124,6 +124,9 @@ def _elements(file, line, result):
 def _block(file, line, result, step, increment):
     flag, records = int(line[73:75]), int(line[24:36] or 0)
     axis_value, stored, block = number(line[12:24]), 0, None
+    if line[56:58].strip() == "4":  # buckling: the state with factor 0 is before mode 1
+        factors = [other.axis_value for other in result.blocks if other.step == step]
+        increment = len({factor for factor in [*factors, axis_value] if factor})
     while file.content[file.at : file.at + 3] in (b" -4", b" -5"):
         text = file.line()
         if text.startswith(" -4"):
