@@ -328,7 +328,11 @@ def _own_options(run: RunFolder, base: Mapping[str, Any]) -> list[str]:
     """Options of a user's deck: those of its request, and its afferents."""
     words = []
     for name, value in _mapping(base.get("request")).items():
-        words += [f"--{name.replace('_', '-')}", str(value)]
+        option = name.replace("_", "-")
+        words += [f"--no-{option}"] if value is False else [f"--{option}", str(value)]
+    if load := _mapping(base.get("load")):
+        option = "--newton-per-um" if load.get("quantity") == "force" else "--mpa-per-um"
+        words += [option, str(load.get("per_um"))]
     nodes: dict[str, list[str]] = {}
     for site in run.afferents:
         nodes.setdefault(site.afferent, []).append(str(site.node))
