@@ -181,6 +181,16 @@ def test_a_study_of_own_decks_is_a_dataframe_or_a_dict(tmp_path, monkeypatch):
         assert refused.value.argument == "study"
 
 
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [("steps", 12), ("depth_um", 100.0), ("afferents", {"SA": 3}), ("afferents", pd.DataFrame())],
+)
+def test_options_of_a_deck_are_refused_for_the_folder_of_a_map(tmp_path, argument, value):
+    with pytest.raises(UsageError) as refused:
+        fb.map_response(tmp_path, **{argument: value})
+    assert refused.value.argument == argument
+
+
 def test_above_its_smallest_depth_a_map_answers_only_where_the_probe_has_left():
     wave_um = np.array([0.0, -30.0])
     with pytest.raises(ResponseError) as refused:
