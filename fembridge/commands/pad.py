@@ -101,7 +101,7 @@ def _words(args: argparse.Namespace) -> dict[str, Any]:
     if args.base_deck is None:
         return words
     from fembridge.errors import UsageError
-    from fembridge.touching.make_pad import SkinMap
+    from fembridge.touching.pad_request import SkinMap
 
     outward, along = (value and tuple(value) for value in (args.outward, args.along))
     words["skin_map"] = SkinMap(args.apex, outward, along)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ from fembridge.errors import UsageError, check_type
 from fembridge.ranges import check_range
 from fembridge.solver.analysis import load_finger
 from fembridge.solver.settings import DEFAULTS, Solver
+from fembridge.touching.pad_request import SkinMap, site_requests
 
 if TYPE_CHECKING:
     from decks.finger import Finger
@@ -22,51 +23,6 @@ REACH_MM = 4.5
 """Default reach of the pad of a finger."""
 _OF_A_FINGER = {"finger": "quick", "spacing_mm": None, "ridges": False, "plane": False}
 _OF_A_MESH = {"skin": None, "afferents": None, "skin_map": None, "after_step": 0}
-
-
-@dataclass(frozen=True, slots=True)
-class SkinMap:
-    """How the map of the skin lies on a model, for `make_pad`; in the model's own coordinates.
-
-    Parameters
-    ----------
-    apex
-        Node at the middle of the map. Default: None, the skin nearest to its mean position.
-    outward
-        Direction out of the skin at the middle. Default: None, the mean normal of the skin.
-    along
-        Direction along the finger, towards its tip. Default: None, the longest direction of the
-        skin.
-    reach_mm
-        Distance from the middle in mm up to which skin may be touched. Default: None, no limit.
-
-    Examples
-    --------
-    >>> import fembridge as fb
-    >>> fb.SkinMap(apex=4711, along=(0, 0, 1))
-    SkinMap(apex=4711, outward=None, along=(0, 0, 1), reach_mm=None)
-    """
-
-    apex: int | None = None
-    outward: tuple[float, float, float] | None = None
-    along: tuple[float, float, float] | None = None
-    reach_mm: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class SiteRequest:
-    """Where stress is computed for a class: the nodes of a set, or a depth in a layer.
-
-    Parameters
-    ----------
-    set_name
-        Node set, or with `depth_mm` the element set of a layer; "" for the elements at that depth.
-    depth_mm
-        Depth below the skin in mm. Default: None, at the nodes of the set.
-    """
-
-    set_name: str
-    depth_mm: float | None = None
 
 
 def make_pad(
@@ -197,7 +153,7 @@ def _make_mesh_pad(
     if reach_mm is not None:
         check_range("reach_mm", reach_mm)
         skin_map = replace(skin_map, reach_mm=reach_mm)
-    requests = _site_requests(afferents)
+    requests = site_requests(afferents)
     with _runs_folder(solver) as folder:
         return solve_mesh_pad(
             folder, base_deck, skin, requests, skin_map, solver, after_step=after_step
@@ -211,31 +167,3 @@ def _runs_folder(solver: Solver) -> Iterator[Path]:
 
     with ExitStack() as stack:
         yield Path(solver.runs_folder or stack.enter_context(temporary_folder()))
-
-
-def _site_requests(afferents: str | Mapping[str, str] | None) -> dict[str, SiteRequest]:
-    """Requests by class, of a text for all classes, or of texts by class."""
-    from decks.finger import SITES
-
-    if afferents is None:
-        return {name: SiteRequest("", site.depth_mm) for name, site in SITES.items()}
-    if isinstance(afferents, str):
-        afferents = dict.fromkeys(SITES, afferents)
-    requests = {}
-    for name, text in afferents.items():
-        if name not in SITES:
-            raise UsageError(
-                argument="afferents", found=name, expected=f"one of {', '.join(SITES)}"
-            )
-        set_name, colon, depth = text.rpartition(":")
-        try:
-            depth_mm = float(depth)
-        except ValueError:
-            if colon:
-                expected = "SET:DEPTH_MM, a depth in mm, or a node set"
-                raise UsageError(argument="afferents", found=text, expected=expected) from None
-            requests[name] = SiteRequest(text)
-            continue
-        check_range("depth_mm", depth_mm)
-        requests[name] = SiteRequest(set_name, depth_mm)
-    return requests

@@ -104,7 +104,7 @@ def test_a_state_is_linearised_as_a_small_further_force_moves_it(
     model, state = read_solid_model(deck), linear_state(deck, after_step)
     run, _ = mesh_green._run(tmp_path / "again", stiffness_deck(state), fb.Solver(threads=1))
     linear = mesh_green._LinearModel(model, state, run)
-    rows, _ = linear.stress_rows(model.element_sets["RUBBER"], np.eye(3))
+    _, rows = linear.stress_rows(model.element_sets["RUBBER"], np.eye(3))
     load = np.zeros((linear.size, 1))
     load[linear.unknown[model.rows_of(np.array([node]))[0], 2]] = 1.0
     found = rows @ linear.factorise().solve(load, np.ones(linear.size, dtype=bool))
