@@ -223,7 +223,7 @@ class Deck:
 
 
 def block_text(block: Block) -> bytes:
-    """The bytes of a block with its data, wherever they are; without ``INPUT=`` if that was read."""
+    """The bytes of a block with its data, wherever they are; without ``INPUT=`` once it is read."""
     head = block.text.data[block.start : block.body]
     option = block.option("INPUT")
     if option is not None and any(piece.text is not block.text for piece in block.pieces):
@@ -255,8 +255,8 @@ def read_inp(
 ) -> Deck:
     """Read a deck and, by `resolver`, the files that it includes.
 
-    `abaqus`: by the rules of Abaqus, not of ccx; `name` is put before line numbers. All bytes are accepted: text
-    before the first keyword belongs to no block, other text to the block before it.
+    `abaqus`: by the rules of Abaqus, not of ccx; `name` is put before line numbers. All bytes are
+    accepted: text before the first keyword belongs to no block, other text to the block before it.
 
     Raises
     ------
