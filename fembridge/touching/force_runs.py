@@ -12,6 +12,7 @@ are the displacement of these nodes and the stress of the elements around the af
 import logging
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +46,8 @@ from fembridge.host.store import (
 from fembridge.results.extrapolation import ELEMENT_TYPES
 from fembridge.touching.mesh_places import pad_skin, stress_points
 from fembridge.touching.pad_request import SkinMap, site_requests
-from fembridge.typing import BoolArray, IntArray
+from fembridge.touching.stress_samples import StressSamples
+from fembridge.typing import BoolArray, FloatArray, IntArray
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -56,7 +58,7 @@ _RESULTS = {"abaqus": ".dat", "marc": ".t16"}
 COMMANDS = {"abaqus": "abaqus job={}", "marc": "run_marc -jid {}"}
 """How a deck is run, by solver."""
 _AXES = 3
-# Elements around a point whose stress is asked for; the fit takes the nearest 32 of them.
+# Samples around a point whose elements' stress is asked for; the fit takes the nearest 32.
 _SAMPLED_AROUND = 48
 # Results of a deck are at most so large, else there are several decks.
 _LARGEST_RESULTS_BYTES = 1e9
@@ -100,7 +102,7 @@ class ForceRequest:
         return SkinMap(self.apex, self.outward, self.along, self.reach_mm)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class PadForces:
     """Forces on the nodes of the skin, for Abaqus or Marc; `pad_decks` writes their decks.
 
@@ -151,6 +153,11 @@ class PadForces:
         """Number of unit forces."""
         return sum(int((deck[:, 2] > 0).sum()) for deck in self.decks)
 
+    @cached_property
+    def samples(self) -> StressSamples:
+        """Points of the elements at which stress is taken."""
+        return StressSamples(self.model, self.elements)
+
     @property
     def names(self) -> list[str]:
         """Names of the decks without suffix."""
@@ -180,6 +187,7 @@ class PadForces:
             self.nodes,
             self.elements,
             self._nodes_of_state(),
+            coordinates=bool((self.samples.count > 1).any()),
             step_per_force=self.request.step_per_force,
         )
 
@@ -257,26 +265,28 @@ def plan_forces(
     free: BoolArray = np.asarray(free_axes.any(axis=1))
     touched = pad_skin(model, position_mm, free, skin, request.skin_map)
     _refuse_local_axes(state, model, touched.row)
-    points = stress_points(
-        model,
-        position_mm,
-        touched,
-        site_requests(request.afferents),
-        lambda elements: model.middles(position_mm, elements)[::-1],
-    )
-    elements = [
-        numbers[cKDTree(model.middles(position_mm, numbers)[1]).query(
-            points.position_mm, k=min(_SAMPLED_AROUND, numbers.size)
-        )[1]].ravel()
-        for _, numbers in points.samples
-    ]  # fmt: skip
-    _refuse_orientations(model, np.unique(np.concatenate(elements)))
+    everywhere = StressSamples(model, np.concatenate([block.number for block in model.elements]))
+    sample_mm = everywhere.positions(position_mm)
+
+    def sampled(elements: IntArray) -> tuple[FloatArray, IntArray]:
+        samples = everywhere.of(elements)
+        return sample_mm[samples], samples
+
+    points = stress_points(model, position_mm, touched, site_requests(request.afferents), sampled)
+    around = []
+    for _, samples in points.samples:
+        nearest = cKDTree(sample_mm[samples]).query(
+            points.position_mm, k=min(_SAMPLED_AROUND, samples.size)
+        )[1]
+        around.append(everywhere.elements[everywhere.owner[samples[nearest.ravel()]]])
+    elements = np.unique(np.concatenate(around))
+    _refuse_orientations(model, elements)
     of_skin = np.isin(skin.rows, touched.row)
     node, axis = np.nonzero(free_axes[of_skin])
     forces = np.stack([model.node[skin.rows[of_skin]][node], axis + 1, np.ones_like(node)], axis=1)
     plan = PadForces(
         request, data, model, state, skin, model.node[touched.row],
-        np.unique(np.concatenate(elements)), (forces,), folder,
+        elements, (forces,), folder,
     )  # fmt: skip
     return replace(plan, decks=tuple(_split(plan, forces)))
 
