@@ -127,8 +127,8 @@ class _AbaqusResults(_Results):
                 self.state[at] = table.values[:, :_AXES] * plan.model.units.length_mm
             if table.set_name not in (SKIN_SET, LAYER_SET):
                 continue
-            known = plan.nodes if table.set_name == SKIN_SET else plan.elements
-            at = self._rows(table.labels[:, 0], known, path, table.line)
+            numbers = plan.nodes if table.set_name == SKIN_SET else plan.elements
+            at = self._rows(table.labels[:, 0], numbers, path, table.line)
             if table.columns[0].startswith("COOR"):
                 self._read_order(at, table.labels[:, 1], table.values[:, :_AXES])
                 continue
@@ -149,16 +149,16 @@ class _AbaqusResults(_Results):
         factor = self.pa_per_n / added[samples.owner]
         self.stress[rows, forces[:, 1] - 1] *= factor[:, None].astype(np.float32)
 
-    def _read_order(self, element: IntArray, point: IntArray, place: FloatArray) -> None:
+    def _read_order(self, element: IntArray, point: IntArray, position: FloatArray) -> None:
         """Which sample each integration point is: the nearest of its element."""
         samples, units = self.plan.samples, self.plan.model.units
         state = self.plan.model.position * units.length_mm + self.state
         sample_mm = samples.positions(state)
-        for row, number, at in zip(element.tolist(), point.tolist(), place, strict=True):
+        for row, number, at in zip(element.tolist(), point.tolist(), position, strict=True):
             if 1 < samples.count[row] >= number:
                 first = samples.first[row]
-                own = sample_mm[first : first + samples.count[row]]
-                away = np.linalg.norm(own - at * units.length_mm, axis=1)
+                of_element_mm = sample_mm[first : first + samples.count[row]]
+                away = np.linalg.norm(of_element_mm - at * units.length_mm, axis=1)
                 self._order[row, number - 1] = away.argmin()
 
     def _add_stress(
@@ -175,10 +175,10 @@ class _AbaqusResults(_Results):
             has = others[samples.count[element[others]] > number]
             np.add.at(stress, samples.first[element[has]] + number, values[has])
 
-    def _rows(self, labels: IntArray, known: IntArray, path: Path, line: int) -> IntArray:
-        at = np.minimum(np.searchsorted(known, labels), known.size - 1)
-        if (known[at] != labels).any():
-            label = labels[known[at] != labels][0]
+    def _rows(self, labels: IntArray, numbers: IntArray, path: Path, line: int) -> IntArray:
+        at = np.minimum(np.searchsorted(numbers, labels), numbers.size - 1)
+        if (numbers[at] != labels).any():
+            label = labels[numbers[at] != labels][0]
             raise ResultError(f"{label} is not in the deck of these forces", path, line)
         rows: IntArray = at
         return rows
@@ -239,8 +239,8 @@ class _MarcResults(_Results):
                 moved, stress = values(number)
                 change = (moved - start)[skin] * self.mm_per_n
                 if sign < 0:
-                    own = self.moved[row, axis]
-                    share = np.abs(own + change).max() / max(2 * np.abs(own).max(), 1e-300)
+                    forward = self.moved[row, axis]
+                    share = np.abs(forward + change).max() / max(2 * np.abs(forward).max(), 1e-300)
                     self._nonlinear = max(self._nonlinear, float(share))
                     continue
                 self.moved[row, axis] = change
@@ -309,14 +309,14 @@ class _MarcResults(_Results):
         return weights
 
 
-def _rows_in(available: IntArray, numbers: IntArray, what: str, path: Path) -> IntArray:
+def _rows_in(available: IntArray, numbers: IntArray, item: str, path: Path) -> IntArray:
     """Rows of `numbers` in a file."""
     order = np.argsort(available)
     at = np.minimum(np.searchsorted(available, numbers, sorter=order), available.size - 1)
     rows: IntArray = order[at]
     absent = available[rows] != numbers
     if absent.any():
-        raise ResultError(f"no {what} {numbers[absent][0]}: the file of another deck", path)
+        raise ResultError(f"no {item} {numbers[absent][0]}: the file of another deck", path)
     return rows
 
 
@@ -341,7 +341,7 @@ def _pad(plan: PadForces, results: _Results) -> MeshPad:
     sample_mm = plan.samples.positions(position_mm)
 
     def sampled(elements: IntArray) -> tuple[FloatArray, IntArray]:
-        samples = plan.samples.of(elements)
+        samples = plan.samples.samples_of(elements)
         return sample_mm[samples], samples
 
     points = stress_points(model, position_mm, skin, site_requests(request.afferents), sampled)
@@ -355,8 +355,8 @@ def _pad(plan: PadForces, results: _Results) -> MeshPad:
         stop = at + weights.shape[0]
         for node in range(plan.nodes.size):
             samples = results.stress[node][:, columns] @ turn.T  # (axis, M, 6)
-            own = np.einsum("da,amc->dmc", directions[node], samples)
-            stress_pa[node, :, at:stop] = [weights @ table for table in own]
+            turned = np.einsum("da,amc->dmc", directions[node], samples)
+            stress_pa[node, :, at:stop] = [weights @ table for table in turned]
         at = stop
     origin = {
         "solver": plan.solver.capitalize(),

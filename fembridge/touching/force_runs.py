@@ -246,7 +246,7 @@ def plan_forces(
         deck = read_marc_deck(data)
         state = marc_state(deck, request.after_step)
         model = marc_solid_model(deck, request.length_unit)
-        held = held_freedoms(deck, model, state.active)
+        is_held = held_freedoms(deck, model, state.active)
     else:
         resolver = None if base_deck is None else folder_resolver(base_deck)
         flat = _flat(data, resolver)
@@ -258,9 +258,9 @@ def plan_forces(
         state = linear_state(inp, request.after_step)
         for remark in state.remarks:
             _LOGGER.info(remark)
-        held = model.prescribed(state.boundaries)
+        is_held = model.prescribed(state.boundaries)
     skin = model.skin(request.skin)
-    free_axes: BoolArray = ~held[skin.rows]
+    free_axes: BoolArray = ~is_held[skin.rows]
     position_mm = model.position * model.units.length_mm
     free: BoolArray = np.asarray(free_axes.any(axis=1))
     touched = pad_skin(model, position_mm, free, skin, request.skin_map)
@@ -269,7 +269,7 @@ def plan_forces(
     sample_mm = everywhere.positions(position_mm)
 
     def sampled(elements: IntArray) -> tuple[FloatArray, IntArray]:
-        samples = everywhere.of(elements)
+        samples = everywhere.samples_of(elements)
         return sample_mm[samples], samples
 
     points = stress_points(model, position_mm, touched, site_requests(request.afferents), sampled)

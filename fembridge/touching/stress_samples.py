@@ -67,7 +67,7 @@ class StressSamples:
                 places[self.first[rows] + number] = at
         return places
 
-    def of(self, elements: IntArray) -> IntArray:
+    def samples_of(self, elements: IntArray) -> IntArray:
         """Samples of some elements; those without samples are left out."""
         samples: IntArray = np.flatnonzero(np.isin(self.elements, elements)[self.owner])
         return samples
