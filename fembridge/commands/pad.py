@@ -239,6 +239,8 @@ def _write_decks(args: argparse.Namespace, words: dict[str, Any]) -> dict[str, A
         command = COMMANDS[forces.solver].format(name)
         print(f"{command}  results of about {size / 1e6:.0f} MB")
     print(f"run these in {output}, then: fembridge pad {output} -o pad.npz")
+    if forces.solver == "abaqus" and args.target is None:
+        print("the deck is one of Abaqus; --solver calculix solves it here")
     return {
         "decks": [output / f"{name}{forces.suffix}" for name in forces.names],
         "solver": forces.solver,

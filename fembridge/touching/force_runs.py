@@ -44,7 +44,7 @@ from fembridge.host.store import (
     write_toml,
 )
 from fembridge.results.extrapolation import ELEMENT_TYPES
-from fembridge.touching.mesh_places import pad_skin, stress_points
+from fembridge.touching.mesh_places import fit_size, pad_skin, stress_points
 from fembridge.touching.pad_request import SkinMap, site_requests
 from fembridge.touching.stress_samples import StressSamples
 from fembridge.typing import BoolArray, FloatArray, IntArray
@@ -54,12 +54,13 @@ _LOGGER = logging.getLogger(__name__)
 PAD_FILE = "pad.toml"
 _BASE, _FORCES = "base", "forces"
 _SUFFIXES = {"abaqus": ".inp", "marc": ".dat"}
-_RESULTS = {"abaqus": ".dat", "marc": ".t16"}
+_RESULTS = {"abaqus": (".dat",), "marc": (".t16", ".t19")}
 COMMANDS = {"abaqus": "abaqus job={}", "marc": "run_marc -jid {}"}
 """How a deck is run, by solver."""
 _AXES = 3
-# Samples around a point whose elements' stress is asked for; the fit takes the nearest 32.
-_SAMPLED_AROUND = 48
+# Samples around a point whose elements' stress is asked for, by those that a fit takes: after a
+# preload others may be nearest.
+_SAMPLED_AROUND = 1.5
 # Results of a deck are at most so large, else there are several decks.
 _LARGEST_RESULTS_BYTES = 1e9
 # Characters of a printed row of displacement and of stress; of the lines around a load case.
@@ -213,8 +214,13 @@ class PadForces:
     @property
     def results(self) -> list[Path]:
         """Where the results of the decks are expected; none of forces without a folder."""
-        suffix = _RESULTS[self.solver]
-        return [self.folder / f"{name}{suffix}" for name in self.names] if self.folder else []
+        if self.folder is None:
+            return []
+        paths = []
+        for name in self.names:
+            expected, *others = (self.folder / f"{name}{end}" for end in _RESULTS[self.solver])
+            paths.append(next((path for path in (expected, *others) if path.is_file()), expected))
+        return paths
 
 
 # ---- The forces
@@ -275,9 +281,12 @@ def plan_forces(
     points = stress_points(model, position_mm, touched, site_requests(request.afferents), sampled)
     around = []
     for _, samples in points.samples:
-        nearest = cKDTree(sample_mm[samples]).query(
-            points.position_mm, k=min(_SAMPLED_AROUND, samples.size)
-        )[1]
+        count = round(
+            _SAMPLED_AROUND * fit_size(model, everywhere.elements[everywhere.owner[samples]])
+        )
+        nearest = cKDTree(sample_mm[samples]).query(points.position_mm, k=min(count, samples.size))[
+            1
+        ]
         around.append(everywhere.elements[everywhere.owner[samples[nearest.ravel()]]])
     elements = np.unique(np.concatenate(around))
     _refuse_orientations(model, elements)

@@ -154,3 +154,12 @@ def test_the_decks_for_abaqus_are_flat(tmp_path):
     assert forces.nodes.tolist() == list(range(119, 127))
     text = (tmp_path / "pad" / "forces_01.inp").read_text()
     assert not has_parts(read_inp(text.encode(), abaqus=True))
+
+
+def test_a_check_counts_the_members_of_sets_of_the_assembly(tmp_path):
+    """Nodes 1 to 9 of both instances and 27 of the second; elements 5 to 8 of the first."""
+    (tmp_path / "assembly.inp").write_text(assembly())
+    result = fb.check(tmp_path / "assembly.inp")
+    sets = result.sets.set_index(["set", "instance"])["members"]
+    assert sets["SET-BOTTOM", ""] == 19 and sets["_UPPER_S2", ""] == 4
+    assert sets["TOP", "Block-1"] == 9

@@ -278,7 +278,7 @@ def marc_block(text, preload_n=0.0):
     return "\n".join(lines) + "\n"
 
 
-def post_file(responses, forces, *, force_n, start_s, squared=0.0, left=0.0):
+def post_file(responses, forces, *, force_n, start_s, squared=0.0, left=0.0, binary=True):
     """A ``.t16`` with increments at the times of a deck of `forces`.
 
     `squared` of a response grows with the square of the force; `left` stays after all forces.
@@ -322,4 +322,4 @@ def post_file(responses, forces, *, force_n, start_s, squared=0.0, left=0.0):
         increments.append(increment(0, start_s + 4.0 + number, moved, stress))
     last = responses.state + left * largest * force_n, responses.state_stress
     increments.append(increment(0, start_s + 4.0 + len(forces), *last))
-    return post_writer.post_bytes(post_writer.Storage(), mesh, increments)
+    return post_writer.post_bytes(post_writer.Storage(binary=binary), mesh, increments)

@@ -88,9 +88,18 @@ def test_increments_of_marc_make_the_pad_of_calculix(tmp_path):
     pad = fb.make_pad(base_deck=tmp_path / "pad")
     assert pad.origin["nonlinear"] < 1e-6 and pad.origin["drift"] == 0
     assert_same_pad(pad, expected, displacement=1e-6, stress=2e-3)
+    # A .t19 has six digits.
+    forces.results[0].unlink()
+    text_file = stand_in.post_file(
+        stand_in.calculix_responses(tmp_path / "again", text, forces), forces.decks[0],
+        force_n=1e-4, start_s=0.0, binary=False,
+    )  # fmt: skip
+    forces.results[0].with_suffix(".t19").write_bytes(text_file)
+    printed = fb.make_pad(base_deck=tmp_path / "pad")
+    assert_same_pad(printed, pad, displacement=1e-5, stress=2e-3)
     # The deck again instead of the folder.
     again = fb.make_pad(base_deck=deck, results=forces.results, forces_per_deck=30, **REQUEST)
-    assert np.array_equal(again.down_mm, pad.down_mm)
+    assert np.array_equal(again.down_mm, printed.down_mm)
 
 
 @pytest.mark.solver
