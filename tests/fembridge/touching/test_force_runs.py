@@ -376,3 +376,20 @@ def test_the_command_writes_decks_and_reads_their_results(tmp_path, capsys, monk
     assert np.array_equal(first.down_mm, second.down_mm)
     assert main(["pad", "own", "--skin", "TOP"]) == 2
     assert main(["pad", "own", "--base-deck", "mine.inp", "--skin", "TOP"]) == 2
+
+
+def test_a_deck_in_inches_has_responses_to_newtons_in_millimetres(tmp_path):
+    """1 lbf is 4.448 N: displacement is 25.4 / 4.448, stress 6894.8 Pa / 4.448 of the numbers."""
+    deck = written(tmp_path, block_deck(across=2, down=2, size_mm=0.1, kind="C3D8R"))
+    pads = {}
+    for unit, depth_mm in (("mm", 0.12), ("in", 0.12 * 25.4)):
+        folder = tmp_path / unit
+        forces = fb.pad_decks(
+            deck, folder, target="abaqus", skin="TOP", afferents=f"RUBBER:{depth_mm}",
+            length_unit=unit,
+        )  # fmt: skip
+        brought(forces, stand_in.made_up_responses(forces))
+        pads[unit] = fb.make_pad(base_deck=folder)
+    assert_allclose(pads["in"].down_mm, pads["mm"].down_mm * (25.4 / 4.4482216152605), rtol=1e-5)
+    scales = [pads[unit].stress_scale_pa for unit in ("in", "mm")]
+    assert_allclose(scales[0], scales[1] * (6894.757293168361e-6 / 4.4482216152605), rtol=1e-3)
