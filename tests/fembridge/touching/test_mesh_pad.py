@@ -9,10 +9,10 @@ from scipy.spatial import cKDTree
 
 import fembridge as fb
 from decks.material_law import LinearElastic, Ogden, Polynomial, stress_change
+from decks.shape_functions import BEST_POINTS, EDGES, shape_functions
 from fembridge.errors import DeckError, FembridgeWarning, ResponseError, UsageError
 from fembridge.response.response_map import write_map
 from fembridge.touching.contact import press_to
-from fembridge.touching.mesh_green import BEST_POINTS, shape_functions
 from fembridge.touching.mesh_pad import MappedSkin, fit_weights
 from fembridge.touching.shape import Shape
 from fembridge.touching.stress import pad_response, sa_stress_pa, von_mises_pa
@@ -180,8 +180,6 @@ def test_a_pad_comes_back_from_its_file_and_an_altered_one_does_not(tmp_path):
 
 def natural_nodes(kind):
     """Natural coordinates of the nodes of an element."""
-    from decks.solid_model import EDGES
-
     square = ((-1, -1), (1, -1), (1, 1), (-1, 1))
     corners = {
         "tet": [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],
