@@ -119,10 +119,10 @@ def ours_at_nodes_command(path: Path, held: Held) -> Task:
 
 def pyvista_at_nodes_command(path: Path, held: Held) -> Task:
     """`pyvista_at_nodes` with the start of its process and the imports."""
-    module, of_path = __name__, f"Path({str(path)!r}), {{'rows': {held['rows']}}}"
+    arguments = f"Path({str(path)!r}), {{'rows': {held['rows']}}}"
     return _process(
-        f"from pathlib import Path; from {module} import pyvista_at_nodes; "
-        f"pyvista_at_nodes({of_path})()"
+        "from pathlib import Path; from benchmarks.reading_jobs import pyvista_at_nodes; "
+        f"pyvista_at_nodes({arguments})()"
     )
 
 
