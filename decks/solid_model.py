@@ -6,12 +6,13 @@ be in the deck; they have no skin and no stress here. Numbers are the deck's, ro
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from decks.inp import Block, Deck, members, normalized_name
+from decks.shape_functions import CORNERS, EDGES
 from decks.unit_system import LENGTH_UNITS, MM, UnitSystem, unit_system_in
 from fembridge.errors import DeckError
 from fembridge.typing import BoolArray, FloatArray, IntArray
@@ -28,18 +29,6 @@ _FACES: Mapping[str, tuple[tuple[int, ...], ...]] = {
         (0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0),
     ),
 }  # fmt: skip
-# Nodes in the middle of edges: the corners at their ends.
-EDGES: Mapping[str, tuple[tuple[int, int], ...]] = {
-    "tet": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
-    "wedge": (
-        (0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5),
-    ),
-    "hex": (
-        (0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6),
-        (3, 7),
-    ),
-}  # fmt: skip
-CORNERS: Mapping[str, int] = {"tet": 4, "wedge": 6, "hex": 8}
 # Triangles of a face with its corners, then its mid-side nodes.
 _TRIANGLES: Mapping[int, tuple[tuple[int, int, int], ...]] = {
     3: ((0, 1, 2),),
@@ -48,7 +37,7 @@ _TRIANGLES: Mapping[int, tuple[tuple[int, int, int], ...]] = {
     8: ((0, 4, 7), (4, 1, 5), (5, 2, 6), (6, 3, 7), (4, 5, 6), (4, 6, 7)),
 }
 # Degrees of freedom that Abaqus holds by a word.
-_HELD_WORDS = {"XSYMM": "1", "YSYMM": "2", "ZSYMM": "3", "ENCASTRE": "123", "PINNED": "123"}
+HELD_WORDS = {"XSYMM": "1", "YSYMM": "2", "ZSYMM": "3", "ENCASTRE": "123", "PINNED": "123"}
 _AXES = 3
 
 
@@ -122,37 +111,27 @@ class Skin:
 
 @dataclass(frozen=True, eq=False)
 class SolidModel:
-    """Nodes ``(N,)``, rising, at `position` ``(N, 3)`` in the deck's unit, and what they form."""
+    """Nodes ``(N,)``, rising, at `position` ``(N, 3)`` in the deck's unit, and what they form.
 
-    deck: Deck
+    `node_sets` and `element_sets` have the numbers of each set, names in capitals without blanks;
+    `surfaces` are the ``*SURFACE`` blocks of a keyword deck. `sections` are in the order of the
+    deck. `unread` names the files that the deck includes and that were not read.
+    """
+
     units: UnitSystem
     node: IntArray
     position: FloatArray
     elements: tuple[ElementBlock, ...]
+    node_sets: Mapping[str, IntArray]
+    element_sets: Mapping[str, IntArray]
+    sections: tuple[Section, ...]
+    surfaces: Mapping[str, Block] = field(default_factory=dict)
+    unread: str = ""
 
-    @cached_property
-    def node_sets(self) -> Mapping[str, IntArray]:
-        """Numbers of the nodes of each set, in capitals."""
-        return _sets(self.deck, "NSET", "NODE")
-
-    @cached_property
-    def element_sets(self) -> Mapping[str, IntArray]:
-        """Numbers of the elements of each set, in capitals."""
-        return _sets(self.deck, "ELSET", "ELEMENT")
-
-    @cached_property
-    def sections(self) -> tuple[Section, ...]:
-        """Sections of solids, in the order of the deck."""
-        sections = []
-        for block in self.deck.blocks_of("SOLIDSECTION"):
-            name = block.value_of("ELSET")
-            if name not in self.element_sets:
-                raise block.error(f"element set {name} is nowhere in the deck{self.deck.unread}")
-            oriented = block.option("ORIENTATION") is not None
-            sections.append(
-                Section(self.element_sets[name], name, block.value_of("MATERIAL"), oriented)
-            )
-        return tuple(sections)
+    @property
+    def element_count(self) -> int:
+        """Number of solid elements."""
+        return sum(block.number.size for block in self.elements)
 
     def rows_of(self, nodes: IntArray) -> IntArray:
         """Rows of node numbers; those that no ``*NODE`` defines are left out."""
@@ -177,9 +156,9 @@ class SolidModel:
                     nodes = np.array([row.integer(0)])
                 if (
                     len(row.fields) > 1
-                    and (constraint := normalized_name(row.fields[1])) in _HELD_WORDS
+                    and (constraint := normalized_name(row.fields[1])) in HELD_WORDS
                 ):
-                    axes = [int(digit) for digit in _HELD_WORDS[constraint]]
+                    axes = [int(digit) for digit in HELD_WORDS[constraint]]
                 else:
                     first = row.integer(1)
                     axes = list(range(first, row.integer(2, blank=first) + 1))
@@ -197,16 +176,14 @@ class SolidModel:
             No such surface or set, or one without faces of solid elements.
         """
         key = normalized_name(name)
-        surfaces = {block.value_of("NAME"): block for block in self.deck.blocks_of("SURFACE")}
+        surfaces = self.surfaces
         if key in surfaces and surfaces[key].value_of("TYPE") != "NODE":
             faces = list(self._faces_of(surfaces[key]))
         elif key in surfaces or key in self.node_sets:
             faces = list(self._outer_faces(self._surface_nodes(key, surfaces.get(key))))
         else:
             available = ", ".join([*surfaces, *self.node_sets]) or "none"
-            problem = (
-                f"no surface and no node set {name!r}; the deck has {available}{self.deck.unread}"
-            )
+            problem = f"no surface and no node set {name!r}; the deck has {available}{self.unread}"
             raise DeckError(problem, argument="skin", found=name, expected=available)
         if not faces:
             problem = f"{name} has no outer face of a solid element"
@@ -281,7 +258,7 @@ class SolidModel:
 
 
 def read_solid_model(deck: Deck, length_unit: str | None = None) -> SolidModel:
-    """The solid model of a deck without parts.
+    """The solid model of a deck without parts; `decks.flat_assembly` makes one of parts.
 
     Parameters
     ----------
@@ -296,7 +273,7 @@ def read_solid_model(deck: Deck, length_unit: str | None = None) -> SolidModel:
         Parts and instances, no nodes, no solid elements, or a line that is none.
     """
     for block in deck.blocks_of("PART", "INSTANCE"):
-        raise block.error(f"{block.title}: a model with parts is not read; write a flat input file")
+        raise block.error(f"{block.title}: expected a deck without parts")
     numbers, positions = list[int](), list[tuple[float, float, float]]()
     for block in deck.blocks_of("NODE"):
         for row in block.rows():
@@ -311,7 +288,30 @@ def read_solid_model(deck: Deck, length_unit: str | None = None) -> SolidModel:
     elements = tuple(_element_blocks(deck, node))
     if not elements:
         raise DeckError(f"no solid element (C3D4 to C3D20){deck.unread}")
-    return SolidModel(deck, _units(deck, length_unit), node, position, elements)
+    element_sets = _sets(deck, "ELSET", "ELEMENT")
+    return SolidModel(
+        units=_units(deck, length_unit),
+        node=node,
+        position=position,
+        elements=elements,
+        node_sets=_sets(deck, "NSET", "NODE"),
+        element_sets=element_sets,
+        sections=tuple(_sections(deck, element_sets)),
+        surfaces={block.value_of("NAME"): block for block in deck.blocks_of("SURFACE")},
+        unread=deck.unread,
+    )
+
+
+def _sections(deck: Deck, element_sets: Mapping[str, IntArray]) -> Iterator[Section]:
+    """Sections of solids; ``*SOLID SECTION`` of trusses and plane elements is left out."""
+    others = {block.value_of("ELSET") for block in deck.blocks_of("ELEMENT")}
+    for block in deck.blocks_of("SOLIDSECTION"):
+        name = block.value_of("ELSET")
+        if name in element_sets:
+            oriented = block.option("ORIENTATION") is not None
+            yield Section(element_sets[name], name, block.value_of("MATERIAL"), oriented)
+        elif name not in others:
+            raise block.error(f"element set {name} is nowhere in the deck{deck.unread}")
 
 
 def _units(deck: Deck, length_unit: str | None) -> UnitSystem:
@@ -384,11 +384,11 @@ def _named_members(block: Block, pieces: Mapping[str, list[IntArray]]) -> list[I
     members_listed: list[IntArray] = []
     numbers = list[int]()
     for row in block.rows():
-        for column, field in enumerate(row.fields):
-            if not field:
+        for column, text in enumerate(row.fields):
+            if not text:
                 continue
-            if not field.isdigit() and normalized_name(field) in pieces:
-                members_listed += pieces[normalized_name(field)]
+            if not text.isdigit() and normalized_name(text) in pieces:
+                members_listed += pieces[normalized_name(text)]
             else:
                 numbers.append(row.integer(column))
     return [*members_listed, np.array(numbers, dtype=np.int64)]

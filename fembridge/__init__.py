@@ -78,8 +78,9 @@ if TYPE_CHECKING:
     from fembridge.sweeps.sweep import Sweep as Sweep
     from fembridge.sweeps.sweep import sweep
     from fembridge.touching.fingerprint import Fingerprint
-    from fembridge.touching.make_pad import SkinMap, make_pad
+    from fembridge.touching.make_pad import make_pad, pad_decks
     from fembridge.touching.pad import Pad
+    from fembridge.touching.pad_request import SkinMap
     from fembridge.touching.population import Population
     from fembridge.touching.receptive_field import ReceptiveField as ReceptiveField
     from fembridge.touching.receptive_field import receptive_field
@@ -103,6 +104,7 @@ __all__ = [  # noqa: RUF022 - the main job first, then from deck to spikes, then
     "touch",
     "receptive_field",
     "make_pad",
+    "pad_decks",
     "sweep",
     "fit",
     "threshold",
@@ -148,8 +150,9 @@ _HOMES = {
         ("fembridge.touching.touch_result", "Touch"),
         ("fembridge.touching.trajectory", "Trajectory"),
         ("fembridge.touching.receptive_field", "receptive_field ReceptiveField"),
-        ("fembridge.touching.make_pad", "SkinMap make_pad"),
         ("fembridge.touching.fingerprint", "Fingerprint"),
+        ("fembridge.touching.make_pad", "make_pad pad_decks"),
+        ("fembridge.touching.pad_request", "SkinMap"),
         ("fembridge.touching.pad", "Pad"),
         ("fembridge.touching.shape", "Shape"),
         ("fembridge.touching.population", "Population"),

@@ -21,11 +21,7 @@ After three still samples the rest is known, and the onset counts.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
-from itertools import accumulate
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,9 +50,6 @@ FADES = ((0.8, 100.0), (0.1, 3000.0))
 # Cutoff frequency of the response of SA to movement: of the tested values the best on a held-out
 # frequency (decision 0032). Without it SA would fire 200 impulses/s at a strong 400 Hz.
 SLOW_HZ = 100.0
-
-# Up to this number of columns each is filtered separately, in blocks of this many samples.
-_MAX_COLUMNS_ONE_BY_ONE, _BLOCK = 20, 65_536
 
 # Numbers of samples before and after t that a derivative at t reads.
 _REACH = {"backward": (1, 0), "central": (1, 1), "forward": (0, 1)}
@@ -126,7 +119,7 @@ class Past:
     """State of a recursive filter between two parts of a trace.
 
     The filter reads a part with samples around it: the first `before` samples belong to the
-    previous part, the next `count` are the part. `value` is the state of the recursion at the
+    previous part, the next `count` are the part. `value` has input and output of the filter at the
     sample before the part; None at the start of the trace. `stages` are the states of the stages
     of a filter that has several.
     """
@@ -150,13 +143,9 @@ def slow_rate(
 ) -> FloatArray:
     """Dynamic drive of SA in Pa/ms: σ′ through a one-pole low pass at `SLOW_HZ`.
 
-    With `past`, `stress_pa` is a part of a trace, and outputs before the part are 0.
+    With `past`, `stress_pa` is a part of a trace, and outputs outside the part are 0.
     """
-    rate = stress_rate(stress_pa, dt_ms, derivative)
-    input_share, output_share = _low_pass(SLOW_HZ, dt_ms)
-    inputs = np.zeros_like(rate)
-    inputs[1:] = input_share * (rate[1:] + rate[:-1])
-    return _recursion(inputs, lambda passed, value: output_share * passed + value, past)
+    return _low_passed(stress_rate(stress_pa, dt_ms, derivative), SLOW_HZ, dt_ms, past)
 
 
 def faded(
@@ -166,19 +155,16 @@ def faded(
 
     ``max(σ − Σ share s, 0)`` over the rows of `FADES`, where s follows σ with the time constant
     of its row and equals σ at the first sample: stress before the trace has faded. With `past`,
-    `stress_pa` is a part of a trace, and outputs before the part are undefined.
+    `stress_pa` is a part of a trace, and outputs outside the part are undefined.
     """
     stress = checked_stress(stress_pa, dt_ms, derivative)
     remaining = stress.copy()
     for number, (share, fade_ms) in enumerate(FADES):
-        remaining -= share * _followed(stress, dt_ms / fade_ms, past and past.stage(number))
+        kept = math.exp(-dt_ms / fade_ms)
+        stage = None if past is None else past.stage(number)
+        followed = _one_pole(stress, 1.0 - kept, 0.0, kept, stage)
+        remaining -= np.multiply(share, followed, out=followed)
     return np.maximum(remaining, 0.0, out=remaining)
-
-
-def _followed(stress: FloatArray, steps: float, past: Past | None) -> FloatArray:
-    """Stress through a low pass whose time constant is 1 / `steps` samples."""
-    gain = -math.expm1(-steps)
-    return _recursion(stress, lambda before, value: before + gain * (value - before), past)
 
 
 def corpuscle(
@@ -190,78 +176,55 @@ def corpuscle(
     one-pole high passes at `CORPUSCLE_HIGH_HZ` and two low passes at `CORPUSCLE_LOW_HZ`, by the
     trapezoidal rule, which keeps the gain at low frequencies at any `dt_ms`. Stress before the
     trace is that of the first sample. With `past`, `stress_pa` is a part of a trace, and outputs
-    before the part are 0.
+    outside the part are 0.
     """
-    from scipy.signal import sosfilt
-
-    stress = checked_stress(stress_pa, dt_ms, derivative)
-    sections = _corpuscle_sections(dt_ms)
-    start = 0 if past is None else past.before
-    if past is None or past.value is None:
-        start, first = 0, stress[0]
-        state = np.zeros((len(sections), 2, *stress.shape[1:]))
-    else:
-        first, state = past.value[-1, 0], past.value[:-1]
-    passed = np.zeros_like(stress)
-    end = len(stress) if past is None else past.before + past.count
-    passed[start:end], state = sosfilt(sections, stress[start:end] - first, axis=0, zi=state)
-    if past is not None:
-        past.value = np.concatenate([state, np.broadcast_to(first, (1, *state.shape[1:]))])
-        passed[end:] = sosfilt(sections, stress[end:] - first, axis=0, zi=state)[0]
+    passed = checked_stress(stress_pa, dt_ms, derivative)
+    for number in range(_HIGH_PASSES + _LOW_PASSES):
+        stage = None if past is None else past.stage(number)
+        if number < _HIGH_PASSES:
+            passed = passed - _low_passed(passed, CORPUSCLE_HIGH_HZ, dt_ms, stage)
+        else:
+            passed = _low_passed(passed, CORPUSCLE_LOW_HZ, dt_ms, stage)
     size = np.abs(passed) ** CORPUSCLE_POWER
-    compressed: FloatArray = np.where(passed > 0, size, -NEGATIVE_SHARE * size)
-    return compressed
+    size[passed < 0] *= -NEGATIVE_SHARE
+    return size
 
 
-@cache
-def _corpuscle_sections(dt_ms: float) -> FloatArray:
-    """Second-order sections of the filter of `corpuscle`."""
-    from scipy.signal import bilinear_zpk, zpk2sos
-
-    high, low = (2e-3 * math.pi * hz for hz in (CORPUSCLE_HIGH_HZ, CORPUSCLE_LOW_HZ))
-    poles = np.repeat([-high, -low], [_HIGH_PASSES, _LOW_PASSES])
-    zeros = np.zeros(_HIGH_PASSES)
-    sections: FloatArray = zpk2sos(*bilinear_zpk(zeros, poles, low**_LOW_PASSES, 1.0 / dt_ms))
-    return sections
-
-
-def _recursion(
-    samples: FloatArray, step: Callable[[Any, Any], Any], past: Past | None = None
-) -> FloatArray:
-    """Outputs of a recursion: `step` of the previous output and the next sample.
-
-    The recursion starts at the first sample, or, with a `past` that has a value, at the first
-    sample of its part.
-    """
-    outputs = np.empty_like(samples)
-    start, initial = 0, None
-    if past is not None and past.value is not None:
-        start, initial = past.before, past.value
-        outputs[:start] = 0.0
-    if samples.ndim == 2 and samples.shape[1] > _MAX_COLUMNS_ONE_BY_ONE:
-        rows = accumulate(samples[start:], step, initial=initial)
-        for row, output in enumerate(rows, start - (initial is not None)):
-            if row >= start:
-                outputs[row] = output
-    else:
-        # Plain numbers are several times as fast as short rows.
-        for column in np.ndindex(samples.shape[1:]):
-            before = None if initial is None else initial[column].item()
-            for first in range(start, len(samples), _BLOCK):
-                part = (slice(first, first + _BLOCK), *column)
-                block = accumulate(samples[part].tolist(), step, initial=before)
-                values = list(block)[before is not None :]
-                outputs[part] = values
-                before = values[-1]
-    if past is not None:
-        past.value = np.array(outputs[past.before + past.count - 1])
-    return outputs
-
-
-def _low_pass(pole_hz: float, dt_ms: float) -> tuple[float, float]:
-    """Weights of two inputs and of the previous output of a low pass (trapezoidal rule)."""
+def _low_passed(values: FloatArray, pole_hz: float, dt_ms: float, past: Past | None) -> FloatArray:
+    """`values` through a low pass of one pole (trapezoidal rule)."""
     half = math.pi * pole_hz * dt_ms / 1000.0
-    return half / (1.0 + half), (1.0 - half) / (1.0 + half)
+    share = half / (1.0 + half)
+    return _one_pole(values, share, share, (1.0 - half) / (1.0 + half), past)
+
+
+def _one_pole(
+    values: FloatArray, share: float, share_before: float, kept: float, past: Past | None
+) -> FloatArray:
+    """Y with ``y(t) = share x(t) + share_before x(t − dt) + kept y(t − dt)`` for x `values`.
+
+    Before the trace x is its first sample, and y has settled. Outputs outside the part of `past`
+    are 0. The recursion is solved as a system of equations with two diagonals.
+    """
+    from scipy.linalg import solve_banded
+
+    part = slice(None) if past is None else slice(past.before, past.before + past.count)
+    inputs = values[part]
+    if past is None or past.value is None:
+        settled = (share + share_before) / (1.0 - kept)
+        before, output_before = inputs[0], settled * inputs[0]
+    else:
+        before, output_before = past.value
+    right = share * inputs
+    right[0] += share_before * before + kept * output_before
+    if share_before:
+        right[1:] += share_before * inputs[:-1]
+    diagonals = np.empty((2, len(right)))
+    diagonals[0], diagonals[1] = 1.0, -kept
+    outputs = np.zeros_like(values)
+    outputs[part] = solve_banded((1, 0), diagonals, right, overwrite_b=True, check_finite=False)
+    if past is not None:
+        past.value = np.stack([inputs[-1], outputs[part][-1]])
+    return outputs
 
 
 def checked_stress(

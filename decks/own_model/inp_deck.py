@@ -18,6 +18,9 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
 
+import numpy as np
+
+from decks.assembly import Scope, scopes_of
 from decks.dialects import SHELL_FACES
 from decks.inp import (
     Block,
@@ -95,10 +98,10 @@ _NONLINEAR = (
 )
 _STATIC = re.compile(rb"\*[ \t]*STATIC", re.IGNORECASE)
 _OUTPUT_SET = "FEMBRIDGE_OUTPUT"
+_JOINT_SET = "FEMBRIDGE_OUTPUT_AND_YOURS"
 # Of automatic increments: the samples, at which results are written.
 _TIME_POINTS = "FEMBRIDGE_TIMES"
 _SET_NAME = re.compile(r"[A-Za-z0-9_-]+")
-_SCOPE_KEYWORDS = ("PART", "INSTANCE")
 _NODE_MAKERS = ("NCOPY", "NFILL", "NGEN", "NMAP")
 # Elements of a solid model, where z counts.
 _SOLID = ("C3D", "M3D", "SC", "S3", "S4", "S6", "S8")
@@ -124,16 +127,6 @@ class NodePosition:
     position: tuple[float, ...]
     instance: str
     where: str
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Scope:
-    """Blocks whose numbers count together: a part as an instance puts it, or all."""
-
-    instance: str
-    blocks: tuple[Block, ...]
-    shift: tuple[float, ...] = (0.0, 0.0, 0.0)
-    rotated: str = ""
 
 
 def rebase_inp(
@@ -235,6 +228,7 @@ def rebase_inp(
             *time_dependence(deck, drive),
         ),
         path_dependent=tuple(path_dependence(deck, abaqus=abaqus)),
+        is_whole_field=editor.is_whole_field,
     )
 
 
@@ -285,6 +279,8 @@ class _DeckEditor:
         self.edits = list[Edit]()
         self.remarks = list[str]()
         self.doubts = list[str]()
+        self.is_whole_field = False
+        self.joint_sets = list[str]()  # sets of the user's requests of U and S
         self.expanded = False  # whether ccx makes solids of shells or beams
         self.relaxing = False  # whether a material gets branches that creep
         self.on_faces = False  # whether an afferent is on the bottom or top of a shell
@@ -611,12 +607,19 @@ class _DeckEditor:
                 removed_blocks, lines = _abaqus_requests(step), self._abaqus_request(on_set)
             else:
                 removed_blocks = step.blocks_of(*_CALCULIX_REQUESTS)
-                kept_blocks = removed_blocks if self.request.keeps_output else []
-                in_set = on_set and not any(map(_writes_our_quantities, kept_blocks))
-                nodes_text = nodes_text if in_set else "all nodes"
-                lines = self._calculix_request(step, in_set, on_nodes=bool(positions))
+                if self.request.keeps_output:  # those of an earlier deck of ours go
+                    kept_blocks = [
+                        block
+                        for block in removed_blocks
+                        if block.value_of("NSET") not in (_OUTPUT_SET, _JOINT_SET)
+                    ]
+                set_name = self._set_of_requests(kept_blocks) if on_set else ""
+                nodes_text = nodes_text if set_name else "all nodes"
+                lines = self._calculix_request(step, set_name, on_nodes=bool(positions))
             if self.request.keeps_output:
-                removed_blocks = []
+                removed_blocks = (
+                    [] if self.abaqus else [b for b in removed_blocks if b not in kept_blocks]
+                )
                 self._keep_requests(kept_blocks)
             interval = "every time point" if self.automatic else "every increment"
             times = interval if step is self.drive.step else "its last increment"
@@ -625,6 +628,7 @@ class _DeckEditor:
                 for row in block.rows():
                     self._edit(row.text, row.start, row.stop)
             self._insert(step.end.text, step.end.start, lines)
+            self.is_whole_field = not self.abaqus and nodes_text == "all nodes"
             removed = ", ".join(f"{block.title} ({block.where})" for block in removed_blocks)
             replaced = f", replacing {removed}" if removed else ""
             self.remark(step.end, f"U and S at {nodes_text}, {times}{replaced}")
@@ -647,7 +651,26 @@ class _DeckEditor:
             change = f", without {names}: as ours" if names else ", as often as ours"
             self.remark(block, f"{block.title} stays{change}")
 
-    def _calculix_request(self, step: Step, on_set: bool, *, on_nodes: bool) -> list[str]:
+    def _set_of_requests(self, kept_blocks: list[Block]) -> str:
+        """The node set of U and S: ours, with those of the user's requests; "" for all nodes.
+
+        In ccx the last request of a quantity decides its nodes, so ours has all of them.
+        """
+        names = [block.value_of("NSET") for block in kept_blocks if _writes_our_quantities(block)]
+        if not all(names):
+            return ""
+        if not names:
+            return _OUTPUT_SET
+        new = [name for name in dict.fromkeys(names) if name not in self.joint_sets]
+        if new:
+            joined = new if self.joint_sets else [_OUTPUT_SET, *new]
+            head = self.drive.steps[0].head
+            lines = [f"*NSET, NSET={_JOINT_SET}", *(f"{name}," for name in joined)]
+            self._insert(head.text, head.start, lines)
+            self.joint_sets += new
+        return _JOINT_SET
+
+    def _calculix_request(self, step: Step, set_name: str, *, on_nodes: bool) -> list[str]:
         """Request of U and S in `step`: every sample or, before the waveform's, its last."""
         kept_blocks = [block for block in step.blocks if block.keyword not in _CALCULIX_REQUESTS]
         timed = [block for block in kept_blocks if block.option("TIMEPOINTS") is not None]
@@ -661,8 +684,9 @@ class _DeckEditor:
                 f"{timed[0].title}, TIME POINTS: ccx refuses it with fixed increments; take it "
                 "out, or let increments be automatic"
             )
-        mode = self._output_mode(step, on_set or (on_nodes and self.request.keeps_output))
-        nodes = f"{f', NSET={_OUTPUT_SET}' * on_set}{frequency}{mode}"
+        on_deck_nodes = bool(set_name) or (on_nodes and self.request.keeps_output)
+        mode = self._output_mode(step, on_deck_nodes)
+        nodes = f"{f', NSET={set_name}' if set_name else ''}{frequency}{mode}"
         if self.request.results == "text":
             return [f"*NODE FILE{nodes}", "U", f"*EL FILE{nodes}", "S"]
         return [f"*NODE OUTPUT{nodes}, DOUBLE", "U", f"*ELEMENT OUTPUT{nodes}, DOUBLE", "S"]
@@ -1077,45 +1101,6 @@ def _with_start_stress(
 # ---- Nodes
 
 
-def scopes_of(deck: Deck) -> list[Scope]:
-    """The scopes of a deck: one, or the assembly's own and one an instance."""
-    parts: dict[str, list[Block]] = {}
-    scopes: list[Scope] = []
-    outside: list[Block] = []
-    inside: list[Block] = []
-    opened: Block | None = None
-    for block in deck.blocks:
-        if opened is not None and block.keyword in (*_SCOPE_KEYWORDS, "ENDASSEMBLY", "STEP"):
-            raise opened.error(f"this {opened.title} has no *END {opened.title[1:]}")
-        if block.keyword in _SCOPE_KEYWORDS:
-            opened, inside = block, []
-        elif opened is not None and block.keyword == f"END{opened.keyword}":
-            if opened.keyword == "PART":
-                parts[opened.value_of("NAME")] = inside
-            else:
-                scopes.append(_instance(opened, parts, inside))
-            opened = None
-        else:
-            (outside if opened is None else inside).append(block)
-    return [Scope("", tuple(outside)), *scopes]
-
-
-def _instance(block: Block, parts: dict[str, list[Block]], instance_blocks: list[Block]) -> Scope:
-    part = block.value_of("PART")
-    if part and part not in parts:
-        raise block.error(f"*INSTANCE of part {part}, which is nowhere before it")
-    option = block.option("NAME")
-    if option is None:
-        raise block.error(f"{block.title} without NAME=")
-    # With its case and quotes, which Abaqus heeds together.
-    name_text = block.text.data[option.start : option.stop].partition(b"=")[2]
-    name = name_text.strip().decode("latin-1")
-    rows = list(block.rows())
-    shift = tuple(rows[0].number(index, blank=0.0) for index in range(3)) if rows else (0.0,) * 3
-    rotated = rows[1].where if len(rows) > 1 else ""
-    return Scope(name, (*parts.get(part, ()), *instance_blocks), shift, rotated)
-
-
 def _find_nodes(deck: Deck, scopes: list[Scope], nodes: list[int]) -> list[NodePosition]:
     """Find each of `nodes`, in that order."""
     candidates: dict[int, list[NodePosition]] = {node: [] for node in nodes}
@@ -1152,16 +1137,17 @@ def _nodes_in(scope: Scope, nodes: list[int], axes: int) -> dict[int, NodePositi
                     "rectangular coordinates"
                 )
             node = row.integer(0)
-            position = tuple(row.number(1 + k, blank=0.0) + scope.shift[k] for k in range(axes))
+            position = scope.placement.moved(
+                np.array([[row.number(1 + k, blank=0.0) for k in range(3)]])
+            )[0]
             positions[node] = NodePosition(
-                node, position, scope.instance, row.where
+                node, tuple(position[:axes].tolist()), scope.instance, row.where
             )  # the last one counts
     moved = [block.where for block in scope.blocks if block.keyword == "SYSTEM"]
-    if positions and (moved or scope.rotated):
+    if positions and moved:
         raise DeckError(
-            f"{(moved or [scope.rotated])[0]}: rotates or moves the nodes of "
-            f"{scope.instance or 'the deck'}, and their position is not computed; "
-            "write them in global coordinates"
+            f"{moved[0]}: rotates or moves the nodes of {scope.instance or 'the deck'}, and their "
+            "position is not computed; write them in global coordinates"
         )
     return positions
 

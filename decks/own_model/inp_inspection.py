@@ -9,9 +9,12 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import chain
 
-from decks.inp import Block, Deck, Resolver, members, read_inp
+import numpy as np
+
+from decks.assembly import Scope, scopes_of
+from decks.inp import Block, Deck, Resolver, members, normalized_name, read_inp
 from decks.own_model import Request
-from decks.own_model.inp_deck import Scope, scopes_of, units_of
+from decks.own_model.inp_deck import units_of
 from decks.own_model.inp_drive import (
     MOVABLE,
     Drive,
@@ -33,6 +36,7 @@ from decks.own_model.inspection import (
     part_row,
 )
 from fembridge.errors import DeckError
+from fembridge.typing import FloatArray, Table
 
 # Cards that define how a material deforms, the first that a solver goes by.
 _LAWS = (
@@ -55,6 +59,7 @@ _APPROXIMATED = {
     "HYSTERESIS": "ccx 2.20 leaves it out",
 }
 _LAST_FREE_DEGREE = 3
+_APART = 10**12  # between the numbers of two instances
 _MANY = 10_000_000
 
 
@@ -97,9 +102,10 @@ def inspect_inp(
 
 def _add_mesh(result: Inspection, deck: Deck, scopes: Sequence[Scope]) -> None:
     """Number of nodes and the box around them."""
-    low, high = [float("inf")] * 3, [float("-inf")] * 3
+    boxes: list[FloatArray] = []
     numbers: set[tuple[str, int]] = set()
     for scope in scopes:
+        positions: list[list[float]] = []
         for block in scope.blocks:
             if block.keyword != "NODE":
                 continue
@@ -107,12 +113,14 @@ def _add_mesh(result: Inspection, deck: Deck, scopes: Sequence[Scope]) -> None:
             for row in block.rows():
                 with suppress(DeckError):
                     numbers.add((scope.instance, row.integer(0)))
-                    for axis in range(0 if cylindrical else 3):
-                        value = row.number(1 + axis, blank=0.0) + scope.shift[axis]
-                        low[axis], high[axis] = min(low[axis], value), max(high[axis], value)
+                    if not cylindrical:
+                        positions.append([row.number(1 + axis, blank=0.0) for axis in range(3)])
+        if positions:
+            placed = scope.placement.moved(np.array(positions))
+            boxes += [placed.min(axis=0), placed.max(axis=0)]
     result.nodes = len(numbers)
-    if high[0] >= low[0]:
-        result.size = tuple(last - first for first, last in zip(low, high, strict=True))
+    if boxes:
+        result.size = tuple(np.ptp(boxes, axis=0).tolist())
     for inclusion in deck.inclusions:
         if not inclusion.read:
             result.warn("cards", f"{inclusion.where}: {inclusion.name} was not read")
@@ -132,15 +140,18 @@ def _add_parts(
                 section = model.section_of(element.number)
                 name = block.value_of("ELSET") if section is None else section.element_set
                 counts[name, kind, "" if section is None else section.material] += 1
-        bare: Counter[str] = Counter()
+        bare: Counter[tuple[str, str]] = Counter()  # type of elements, card of their section
+        cards = {section.element_set: section.block for section in model.sections}
         for (name, kind, material), count in counts.items():
             result.parts.append(part_row(name, kind, count, material, scope.instance))
             if not material and family_of(kind) not in (*WITHOUT_STRESS, "other"):
-                bare[kind] += count
-        result.problems += [
-            Finding("materials", f"{count} elements {kind} have no material: no section names them")
-            for kind, count in bare.items()
-        ]
+                bare[kind, cards[name].title if name in cards else ""] += count
+        for (kind, card), count in bare.items():
+            reason = (
+                f"{card} states none, so there is no stress" if card else "no section names them"
+            )
+            message = f"{count} elements {kind} have no material: {reason}"
+            result.problems.append(Finding("materials", message))
     families = result.families
     result.dimensions = 2 if families & {"plane"} and not families & {"solid", *EXPANDED} else 3
     if result.solver != "calculix":
@@ -274,8 +285,16 @@ def _hyperelastic_shear(law: Block, numbers: Sequence[float]) -> float | None:
 
 
 def _add_sets(result: Inspection, scopes: Sequence[Scope]) -> None:
-    """Sets of nodes and elements, and how many members each has."""
-    for scope in scopes:
+    """Sets of nodes and elements, and how many members each has.
+
+    A set of the assembly may name sets of an instance.
+    """
+    assembly, *instances = scopes
+    names = ["", *(normalized_name(scope.instance) for scope in instances)]
+    of_instance: dict[tuple[str, str], dict[str, list[range]]] = {}
+    tables: list[list[Table]] = []
+    for scope in (*instances, assembly):
+        rows: list[Table] = []
         for kind, maker in (("NSET", "NODE"), ("ELSET", "ELEMENT")):
             runs: dict[str, list[range]] = {}
             lines: dict[str, int] = {}
@@ -283,8 +302,16 @@ def _add_sets(result: Inspection, scopes: Sequence[Scope]) -> None:
                 name = block.value_of(kind)
                 if block.keyword in (kind, maker) and name:
                     lines.setdefault(name, block.line)
-                    runs.setdefault(name, []).extend(list(_numbers(block, runs)))
-            result.sets += [
+                    instance = block.value_of("INSTANCE")
+                    source = of_instance.get((instance, kind), runs)
+                    # The same number of two instances is two members.
+                    apart = names.index(instance) * _APART if instance in names else 0
+                    runs.setdefault(name, []).extend(
+                        range(run.start + apart, run.stop + apart, run.step)
+                        for run in list(_numbers(block, source))
+                    )
+            of_instance[normalized_name(scope.instance), kind] = runs
+            rows += [
                 {
                     "set": name,
                     "instance": scope.instance,
@@ -294,6 +321,10 @@ def _add_sets(result: Inspection, scopes: Sequence[Scope]) -> None:
                 }
                 for name, line in lines.items()
             ]
+        tables.append(rows)
+    *of_instances, of_assembly = tables
+    for rows in (of_assembly, *of_instances):
+        result.sets += rows
 
 
 def _count(runs: Sequence[range]) -> int:

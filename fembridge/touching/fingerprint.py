@@ -161,6 +161,7 @@ def resolve_fingerprint(ridges: str | Fingerprint) -> Fingerprint | None:
         return ridges
     if not isinstance(ridges, str):
         raise UsageError(argument="ridges", found=ridges, expected="a Fingerprint or a text")
+
     def maker(pattern: str) -> Any:  # noqa: ANN401
         def make(
             period_mm: float = 0.44,

@@ -1,9 +1,10 @@
-"""Contact on a fine grid of ten thousand nodes: constrained conjugate gradients.
+"""Contact on a fine grid of ten thousand nodes: conjugate gradients on an active set.
 
 The problem is that of `fembridge.touching.contact`; here the compliance is an operator, applied by
-FFT (`GridCompliance`). Polonsky & Keer (1999) solve it by conjugate gradients over the nodes in
-contact: after each step nodes that would be pulled leave, and nodes inside the shape enter. A
-prescribed force is a constraint on the steps, whose multiplier is the depth.
+FFT (`GridCompliance`). As in Polonsky & Keer (1999, Wear 231:206) conjugate gradients improve the
+forces on the nodes in contact; whenever these are ten times as near to the shape, nodes that
+would be pulled leave and nodes inside the shape enter. A prescribed force is a constraint on the
+steps, whose multiplier is the depth.
 
 Soft tissue under a stiff skin makes long waves 1000 times as compliant as short ones, so
 the gradients are preconditioned: a few hundred nodes in contact by their own compliance, so that
@@ -89,11 +90,12 @@ class GridContactSolver:
             return np.zeros(gap_mm.size), 0.0
         gap[~np.isfinite(gap)] = 0.0
         forces, drag_moved_mm = self._forces, self._compliance.drag_moved_mm
+        has_left = forces[~possible].any()
+        forces[~possible] = 0.0
         is_first = not forces.any()
-        if is_first or forces[~possible].any():
-            forces[~possible] = 0.0
-            if not forces.any():
-                forces[:] = self._blocks.first_forces(gap, possible, force_n)
+        if is_first:
+            forces[:] = self._blocks.first_forces(gap, possible, force_n)
+        if is_first or has_left:
             self._moved[:] = self._compliance.apply_mm(forces)
         if is_first:  # forces from which friction can be taken
             depth_mm = self._gradients(gap, possible, force_n)

@@ -7,8 +7,7 @@ CalculiX', and then all forces are solved, some at a time. What was solved is ke
 the run, so that an interrupted pad goes on there.
 
 Stress is that at the points of elements where it is most accurate, by the law of their material
-about the state (`decks.material_law`), and between them a moving quadratic fit within a layer:
-nothing is averaged over two layers.
+about the state (`decks.material_law`), and between them a fit (`mesh_places`).
 """
 
 import hashlib
@@ -16,19 +15,20 @@ import logging
 import threading
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from itertools import product
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from decks.assembly import flat_deck, has_parts
 from decks.dialects import JOB
 from decks.inp import folder_resolver, normalized_name, read_inp
 from decks.material_law import STRESS_PAIRS, Law, read_law, stress_change
 from decks.perturbation import LinearState, linear_state, stiffness_deck, unit_force_deck
-from decks.solid_model import CORNERS, EDGES, Skin, SolidModel, read_solid_model
-from fembridge.errors import DeckError, ResponseError, ResultError, UsageError
+from decks.shape_functions import BEST_POINTS, shape_functions
+from decks.solid_model import SolidModel, read_solid_model
+from fembridge.errors import DeckError, ResponseError, ResultError
 from fembridge.host.process import signals_as_exits
 from fembridge.host.store import MAX_DECK_BYTES, make_folder, read_bytes, replacing
 from fembridge.io.run_folder import SOLVER_FILE, RunFolder
@@ -38,8 +38,9 @@ from fembridge.solver.ccx import solve_once
 from fembridge.solver.factorisation import Factors
 from fembridge.solver.settings import Solver
 from fembridge.solver.verdict import MATRIX_SUFFIX
-from fembridge.touching.make_pad import SiteRequest, SkinMap
-from fembridge.touching.mesh_pad import MappedSkin, MeshPad, MeshSite, fit_weights, tangents
+from fembridge.touching.mesh_pad import MeshPad, tangents
+from fembridge.touching.mesh_places import PadSkin, pad_of_responses, pad_skin, stress_points
+from fembridge.touching.pad_request import SiteRequest, SkinMap
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -51,17 +52,6 @@ _LOGGER = logging.getLogger(__name__)
 AGREEMENT = 1e-6
 # Unit forces that are solved at once.
 _FORCES_AT_ONCE = 96
-# Points of elements around a place whose stress counts; how far from one of them a place has
-# stress, by their distance.
-_FIT_ELEMENTS, _FIT_DISTANCES = 32, 1.5
-# Points of a layer lie below nodes of the skin that are at least so far apart, by the spacing.
-_POINT_DISTANCES = 0.9
-# Points are thinned for a file of this size; bytes of a stored number of stress, and of
-# displacement, as measured.
-_MOST_BYTES, _STRESS_BYTES, _DISPLACEMENT_BYTES = 95e6, 1.5, 3.7
-_LEAST_POINTS = 200
-# Skin that is steeper than this (66 degrees) is not on the map.
-_LEAST_MAP_COSINE = 0.4
 _PROGRESS_S = 10.0
 _AXES = 3
 # Cards of a material, after which another part of the deck begins.
@@ -81,7 +71,7 @@ class _LinearModel:
     def __init__(self, model: SolidModel, state: LinearState, run: RunFolder) -> None:
         from scipy.sparse import coo_array
 
-        self.model, self.units = model, model.units
+        self.model, self.units, self._blocks = model, model.units, state.model
         self.moved = np.zeros_like(model.position)
         if state.steps:
             *_, last = read_fields(run.results, "DISP")
@@ -159,11 +149,11 @@ class _LinearModel:
             )
         return largest
 
-    def stress_rows(self, elements: IntArray, axes: FloatArray) -> "tuple[csr_array, FloatArray]":
-        """Stress at the best points of `elements` by displacement, and these points in mm.
+    def stress_rows(self, elements: IntArray, axes: FloatArray) -> "tuple[FloatArray, csr_array]":
+        """The best points of `elements` in mm, ``(P, 3)``, and stress there by displacement.
 
-        The first is ``(6 P, n)`` in the deck's unit of stress by that of length, in the directions
-        `axes`; the second ``(P, 3)``.
+        The second is ``(6 P, n)`` in the deck's unit of stress by that of length, in the directions
+        `axes`.
         """
         from scipy.sparse import coo_array, csr_array, vstack
 
@@ -181,7 +171,7 @@ class _LinearModel:
                 gradient = np.eye(3) + np.einsum("eki,ekj->eij", self.moved[rows], by_start)
                 by_now = np.einsum("ekb,ebc->ekc", by_start, np.linalg.inv(gradient))
                 change = np.empty((len(rows), 6, 3, 3))
-                for section, law in self.laws(block.number[selected]):
+                for section, law in self._laws(block.number[selected]):
                     change[section] = stress_change(law, gradient[section])
                 tensor = _full(change)  # (E, 3, 3, 3, 3)
                 turned = np.einsum("ai,bj,eijkl->eabkl", axes, axes, tensor)
@@ -202,11 +192,11 @@ class _LinearModel:
                 )
         if not parts:
             raise DeckError("no solid element in a layer of the afferents")
-        return csr_array(vstack(parts)), np.concatenate(middles)
+        return np.concatenate(middles), csr_array(vstack(parts))
 
-    def laws(self, numbers: IntArray) -> "Iterator[tuple[BoolArray, Law]]":
+    def _laws(self, numbers: IntArray) -> "Iterator[tuple[BoolArray, Law]]":
         """Elements of each section, ``(E,)``, and their law."""
-        blocks = self.model.deck.blocks
+        blocks = self._blocks
         materials = {
             block.value_of("NAME"): n
             for n, block in enumerate(blocks)
@@ -227,102 +217,6 @@ class _LinearModel:
                     break
                 following.append(block)
             yield selected, read_law(blocks[first], following)
-
-
-# Points at which strain is most accurate (Barlow 1976), in natural coordinates: the middle of
-# linear elements, the points of reduced integration of quadratic ones.
-_GAUSS = 3**-0.5
-_TET = (0.5854101966249685, 0.1381966011250105)
-BEST_POINTS: Mapping[str, FloatArray] = {
-    "tet4": np.full((1, 3), 0.25),
-    "tet10": np.array([[_TET[0] if axis == k else _TET[1] for axis in range(3)] for k in range(4)]),
-    "wedge6": np.array([[1 / 3, 1 / 3, 0.0]]),
-    "wedge15": np.array(
-        [
-            [x, y, z]
-            for z in (-_GAUSS, _GAUSS)
-            for x, y in ((1 / 6, 1 / 6), (2 / 3, 1 / 6), (1 / 6, 2 / 3))
-        ]
-    ),
-    "hex8": np.zeros((1, 3)),
-    "hex20": np.array(list(product((-_GAUSS, _GAUSS), repeat=3))),
-}
-
-
-def shape_functions(kind: str, point: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Shape functions ``(n,)`` of an element and their slopes ``(n, 3)`` at a natural `point`.
-
-    Parameters
-    ----------
-    kind
-        ``tet4``, ``tet10``, ``wedge6``, ``wedge15``, ``hex8`` or ``hex20``, nodes in the order of
-        CalculiX and Abaqus.
-    point
-        Three coordinates: of tetrahedra and wedges from 0 to 1 along edges, else from -1 to 1.
-    """
-    family = kind.rstrip("0123456789")
-    quadratic = int(kind.removeprefix(family)) > CORNERS[family]
-    first, second = np.array(EDGES[family]).T
-    if family == "tet":
-        area = np.append(1 - point.sum(), point)
-        slope = np.concatenate([-np.ones((1, 3)), np.eye(3)])
-        if not quadratic:
-            return area, slope
-        corner = area * (2 * area - 1), (4 * area - 1)[:, None] * slope
-        side = (
-            4 * area[first] * area[second],
-            4 * (area[first, None] * slope[second] + area[second, None] * slope[first]),
-        )
-        return np.concatenate([corner[0], side[0]]), np.concatenate([corner[1], side[1]])
-    if family == "wedge":
-        area = np.tile(np.append(1 - point[:2].sum(), point[:2]), 2)
-        flat = np.zeros((6, 3))
-        flat[:, :2] = np.tile([[-1.0, -1], [1, 0], [0, 1]], (2, 1))
-        up = np.repeat([-1.0, 1.0], 3)
-        half = (1 + up * point[2]) / 2
-        rise = np.zeros((6, 3))
-        rise[:, 2] = up / 2
-        if not quadratic:
-            return area * half, flat * half[:, None] + area[:, None] * rise
-        bubble, fall = 1 - point[2] ** 2, np.array([0.0, 0.0, -2 * point[2]])
-        corner = (
-            area * (2 * area - 1) * half - area * bubble / 2,
-            (4 * area - 1)[:, None] * flat * half[:, None]
-            + (area * (2 * area - 1))[:, None] * rise
-            - 0.5 * (flat * bubble + area[:, None] * fall),
-        )
-        a, b = first[:6], second[:6]
-        product_of = (area[a] * area[b])[:, None]
-        turned = area[a, None] * flat[b] + area[b, None] * flat[a]
-        side = 4 * product_of[:, 0] * half[a], 4 * (turned * half[a, None] + product_of * rise[a])
-        upright = area[:3] * bubble, flat[:3] * bubble + area[:3, None] * fall
-        return (
-            np.concatenate([corner[0], side[0], upright[0]]),
-            np.concatenate([corner[1], side[1], upright[1]]),
-        )
-    sign = np.array([[x, y, z] for z in (-1, 1) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
-    if not quadratic:
-        factor = 1 + sign * point
-        return factor.prod(axis=1) / 8, sign * _others(factor) / 8
-    corner_factor = 1 + sign * point
-    excess = (sign * point).sum(axis=1) - 2
-    corner = corner_factor.prod(axis=1) / 8
-    corner_slope = sign * (_others(corner_factor) * excess[:, None] + 8 * corner[:, None]) / 8
-    middle = (sign[first] + sign[second]) / 2
-    factor = np.where(middle == 0, 1 - point**2, 1 + middle * point)
-    rate = np.where(middle == 0, -2 * point, middle)
-    return (
-        np.concatenate([corner * excess, factor.prod(axis=1) / 4]),
-        np.concatenate([corner_slope, rate * _others(factor) / 4]),
-    )
-
-
-def _others(factor: FloatArray) -> FloatArray:
-    """Products ``(n, 3)`` of the other two of three factors."""
-    others: FloatArray = np.stack(
-        [factor[:, 1] * factor[:, 2], factor[:, 2] * factor[:, 0], factor[:, 0] * factor[:, 1]], -1
-    )
-    return others
 
 
 def _jacobian(position: FloatArray, slope: FloatArray) -> FloatArray:
@@ -355,269 +249,11 @@ class _Progress:
             self._last_s = now_s
 
 
-# ---- The skin
-
-
-@dataclass(frozen=True, eq=False)
-class _Surface:
-    """Nodes that may touch: `row` of the model, and their skin in the frame of the map."""
-
-    row: IntArray
-    axes: FloatArray
-    middle_mm: FloatArray
-    position_mm: FloatArray
-    normal: FloatArray
-    area_mm2: FloatArray
-    triangles: IntArray
-
-    def to_map(self, position_mm: FloatArray) -> FloatArray:
-        """Positions ``(P, 3)`` in the axes of the model, in the frame of the map."""
-        mapped: FloatArray = (position_mm - self.middle_mm) @ self.axes.T
-        return mapped
-
-    def to_model(self, position_mm: FloatArray) -> FloatArray:
-        """Positions ``(P, 3)`` in the frame of the map, in the axes of the model."""
-        back: FloatArray = position_mm @ self.axes + self.middle_mm
-        return back
-
-    @property
-    def spacing_mm(self) -> float:
-        """Median length of the edges of triangles in mm."""
-        corner = self.position_mm[self.triangles]
-        return float(np.median(np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2)))
-
-    @property
-    def is_end(self) -> BoolArray:
-        """Nodes on an edge of one triangle alone, ``(n,)``."""
-        return Skin(self.row, self.triangles).border
-
-
-def _surface(linear: _LinearModel, skin: Skin, skin_map: SkinMap) -> _Surface:
-    """Nodes of the skin that may touch, in the frame of the map."""
-    position_mm = linear.position_mm[skin.rows]
-    corner = position_mm[skin.triangles]
-    twice = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    normal, area_mm2 = np.zeros_like(position_mm), np.zeros(len(position_mm))
-    for place in range(3):
-        np.add.at(normal, skin.triangles[:, place], twice)
-        np.add.at(area_mm2, skin.triangles[:, place], np.linalg.norm(twice, axis=1) / 6)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
-    axes = _axes(position_mm, area_mm2, normal, skin_map)
-    if skin_map.apex is None:
-        mean_mm = area_mm2 @ position_mm / area_mm2.sum()
-        offset = position_mm - mean_mm
-        aside_mm = np.linalg.norm(offset - (offset @ axes[1])[:, None] * axes[1], axis=1)
-        above = normal @ axes[1] > 0
-        middle_mm = mean_mm + axes[1] * float(
-            offset[np.where(above, aside_mm, np.inf).argmin()] @ axes[1]
-        )
-    else:
-        middle_mm = linear.position_mm[_row_of(linear.model, skin_map.apex)]
-    mapped = (position_mm - middle_mm) @ axes.T
-    free = np.asarray((linear.unknown[skin.rows] >= 0).any(axis=1) & ~linear.follows[skin.rows])
-    near = np.linalg.norm(mapped, axis=1) <= (skin_map.reach_mm or np.inf)
-    selected: BoolArray = np.asarray(free & near)
-    if following := int(linear.follows[skin.rows].sum()):
-        _LOGGER.info(f"{following} nodes of the skin follow others (*TIE, *EQUATION): not touched")
-    number = np.cumsum(selected) - 1
-    triangles = number[skin.triangles[selected[skin.triangles].all(axis=1)]]
-    if not len(triangles):
-        problem = "no triangle of the skin has three nodes that may touch: a larger reach_mm?"
-        raise DeckError(problem, argument="skin")
-    return _Surface(
-        row=skin.rows[selected],
-        axes=axes,
-        middle_mm=middle_mm,
-        position_mm=mapped[selected],
-        normal=(normal @ axes.T)[selected],
-        area_mm2=area_mm2[selected],
-        triangles=triangles,
-    )
-
-
-def _axes(
-    position_mm: FloatArray, area_mm2: FloatArray, normal: FloatArray, skin_map: SkinMap
-) -> FloatArray:
-    """Axes of the map ``(3, 3)`` in the model: across, outwards, along."""
-    outward = np.array(skin_map.outward or area_mm2 @ normal, dtype=np.float64)
-    if not np.linalg.norm(outward) > 1e-6 * area_mm2.sum() ** (skin_map.outward is None):
-        raise UsageError(
-            "is missing: the skin is closed, it has no mean normal", argument="outward"
-        )
-    outward /= np.linalg.norm(outward)
-    if skin_map.along is not None:
-        along = np.array(skin_map.along, dtype=np.float64)
-    else:
-        offset = position_mm - area_mm2 @ position_mm / area_mm2.sum()
-        offset -= (offset @ outward)[:, None] * outward
-        spread, directions = np.linalg.eigh(offset.T * area_mm2 @ offset)
-        along = directions[:, -1]
-        if spread[-1] < 1.1 * spread[-2]:  # as long as wide: an axis of the model
-            along = np.eye(3)[np.abs(outward).argmin() if abs(outward[2]) > 0.9 else 2]
-        along = along * np.sign(along[np.abs(along).argmax()])
-    along = along - (along @ outward) * outward
-    if not np.linalg.norm(along) > 1e-6:
-        raise UsageError("points out of the skin", argument="along", found=skin_map.along)
-    along /= np.linalg.norm(along)
-    return np.stack([np.cross(outward, along), outward, along])
-
-
-def _row_of(model: SolidModel, node: int) -> int:
-    rows = model.rows_of(np.array([node]))
-    if not rows.size:
-        raise DeckError(f"no *NODE of the deck defines node {node}", argument="apex", found=node)
-    return int(rows[0])
-
-
-# ---- Points with stress
-
-
-@dataclass(frozen=True, eq=False)
-class _Points:
-    """Points with stress: `stress` ``(6 P, n)`` by displacement, in the deck's units."""
-
-    position_mm: FloatArray
-    depth_mm: FloatArray
-    layer: IntArray
-    layers: tuple[str, ...]
-    sites: dict[str, MeshSite]
-    stress: "csr_array"
-
-
-def _points(
-    linear: _LinearModel, surface: _Surface, afferents: Mapping[str, SiteRequest]
-) -> _Points:
-    """Points of all classes; two classes at the same depth of a layer share them."""
-    from scipy.sparse import csr_array, kron, vstack
-    from scipy.spatial import cKDTree
-
-    layers: list[str] = []
-    sites: dict[str, MeshSite] = {}
-    site_of: dict[SiteRequest, MeshSite] = {}
-    positions, depths, layer, operators = [], [], [], []
-    left_bytes = _MOST_BYTES - _DISPLACEMENT_BYTES * 3 * surface.row.size**2
-    requests = len(set(afferents.values()))
-    share = left_bytes / (_STRESS_BYTES * 3 * 6 * surface.row.size * requests)
-    for afferent, request in afferents.items():
-        if request in site_of:
-            sites[afferent] = site_of[request]
-            continue
-        elements, name, position_mm, depth_mm = _places(linear, surface, request, share)
-        operator, middle_mm = linear.stress_rows(elements, surface.axes)
-        tree = cKDTree(middle_mm)
-        apart_mm = float(np.median(tree.query(middle_mm, k=2)[0][:, 1])) if tree.n > 1 else 1.0
-        # The size of an element, not only the distance across a thin layer.
-        away_mm, _ = tree.query(position_mm)
-        inside = away_mm <= _FIT_DISTANCES * max(apart_mm, surface.spacing_mm)
-        if not inside.any():
-            raise UsageError(
-                f"{request.set_name or name} has no element at a depth of {request.depth_mm:g} mm",
-                argument="afferents",
-                found=afferent,
-            )
-        position_mm, depth_mm = position_mm[inside], depth_mm[inside]
-        near, weight = fit_weights(tree, position_mm, _FIT_ELEMENTS)
-        place = np.repeat(np.arange(len(near)), near.shape[1])
-        weights = csr_array((weight.ravel(), (place, near.ravel())), shape=(len(near), tree.n))
-        operators.append(csr_array(kron(weights, np.eye(6))) @ operator)
-        if name not in layers:
-            layers.append(name)
-        positions.append(position_mm)
-        depths.append(depth_mm)
-        layer.append(np.full(len(depth_mm), layers.index(name)))
-        site_of[request] = sites[afferent] = MeshSite(name, float(np.median(depth_mm)))
-    return _Points(
-        np.concatenate(positions),
-        np.concatenate(depths),
-        np.concatenate(layer),
-        tuple(layers),
-        sites,
-        csr_array(vstack(operators)),
-    )
-
-
-def _places(
-    linear: _LinearModel, surface: _Surface, request: SiteRequest, most: float
-) -> tuple[IntArray, str, FloatArray, FloatArray]:
-    """Elements of the layer, its name, positions of points in the model, and their depths."""
-    model, name = linear.model, normalized_name(request.set_name)
-    if request.depth_mm is None:
-        if name not in model.node_sets:
-            available = ", ".join(model.node_sets) or "none"
-            problem = f"no node set {request.set_name!r}; the deck has {available}"
-            raise DeckError(problem, argument="afferents", found=request.set_name)
-        rows = model.rows_of(model.node_sets[name])
-        position_mm = linear.position_mm[rows]
-        _, depth_mm = MappedSkin(surface.position_mm, surface.normal).below(
-            surface.to_map(position_mm)
-        )
-        return _section_of_nodes(model, rows), name, position_mm, np.maximum(depth_mm, 0.0)
-    facing = np.flatnonzero(surface.normal[:, 1] > _LEAST_MAP_COSINE)
-    selected = _thinned(
-        surface.position_mm[facing][:, [0, 2]], surface.spacing_mm, max(int(most), _LEAST_POINTS)
-    )
-    facing = facing[selected]
-    position_mm = surface.to_model(
-        surface.position_mm[facing] - request.depth_mm * surface.normal[facing]
-    )
-    depth_mm = np.full(facing.size, request.depth_mm)
-    if name:
-        if name not in model.element_sets:
-            available = ", ".join(model.element_sets) or "none"
-            problem = f"no element set {request.set_name!r}; the deck has {available}"
-            raise DeckError(problem, argument="afferents", found=request.set_name)
-        return model.element_sets[name], name, position_mm, depth_mm
-    below = position_mm[np.linalg.norm(surface.position_mm[facing], axis=1).argmin()]
-    nearest = min(
-        (float(away.min()), int(block.number[away.argmin()]))
-        for block in model.elements
-        for away in [np.linalg.norm(linear.position_mm[block.rows].mean(axis=1) - below, axis=1)]
-    )
-    for section in model.sections:
-        if nearest[1] in section.elements:
-            return section.elements, section.set_name, position_mm, depth_mm
-    raise DeckError(f"element {nearest[1]} has no *SOLID SECTION")
-
-
-def _section_of_nodes(model: SolidModel, rows: IntArray) -> IntArray:
-    """Elements of the one section in which nodes lie."""
-    inside = np.zeros(model.node.size, dtype=bool)
-    inside[rows] = True
-    around = np.concatenate(
-        [block.number[inside[block.rows].any(axis=1)] for block in model.elements]
-    )
-    sections = [s for s in model.sections if np.isin(around, s.elements).any()]
-    if len(sections) != 1:
-        names = ", ".join(section.set_name for section in sections) or "no section"
-        problem = f"nodes of the afferents lie in {names}: expected one layer, and none at its edge"
-        raise DeckError(problem, argument="afferents")
-    return sections[0].elements
-
-
-def _thinned(places: FloatArray, spacing_mm: float, most: int) -> IntArray:
-    """Rows of `places` ``(P, 2)`` that are apart by the spacing, or by more to be `most`."""
-    from scipy.spatial import cKDTree
-
-    step_mm = _POINT_DISTANCES * spacing_mm
-    order = np.argsort(np.linalg.norm(places, axis=1), kind="stable")  # the middle first
-    tree = cKDTree(places)
-    while True:
-        left = np.ones(len(places), dtype=bool)
-        selected = []
-        for row in order.tolist():
-            if left[row]:
-                selected.append(row)
-                left[tree.query_ball_point(places[row], step_mm)] = False
-        if len(selected) <= most:
-            return np.array(selected)
-        step_mm *= 1.1
-
-
 # ---- Unit forces
 
 
 def _solve_forces(
-    linear: _LinearModel, surface: _Surface, points: _Points, factors: Factors, folder: Path
+    linear: _LinearModel, skin: PadSkin, stress: "csr_array", factors: Factors, folder: Path
 ) -> tuple[FloatArray, FloatArray]:
     """Displacement into the skin ``(F, n)`` and stress ``(F, 6 P)`` under all unit forces.
 
@@ -626,15 +262,15 @@ def _solve_forces(
     """
     from scipy.sparse import coo_array, csr_array, vstack
 
-    across, along = tangents(surface.normal)
-    directions = np.stack([across, -surface.normal, along], axis=1) @ surface.axes
-    unknown = linear.unknown[surface.row]
-    count = surface.row.size
+    across, along = tangents(skin.normal)
+    directions = np.stack([across, -skin.normal, along], axis=1) @ skin.axes
+    unknown = linear.unknown[skin.row]
+    count = skin.row.size
     node, axis = np.nonzero(unknown >= 0)
     inward = coo_array(
         (directions[node, 1, axis], (node, unknown[node, axis])), shape=(count, linear.size)
     ).tocsr()
-    output = csr_array(vstack([inward, points.stress]))
+    output = csr_array(vstack([inward, stress]))
     required = np.zeros(linear.size, dtype=bool)
     required[np.unique(output.indices)] = True
     responses = np.empty((3 * count, output.shape[0]), dtype=np.float32)
@@ -681,7 +317,7 @@ def _solve_forces(
 def solve_mesh_pad(
     folder: Path,
     base_deck: Path,
-    skin: str,
+    skin_name: str,
     afferents: Mapping[str, SiteRequest],
     skin_map: SkinMap,
     settings: Solver,
@@ -700,15 +336,26 @@ def solve_mesh_pad(
     ResponseError
         The factors disagree with CalculiX.
     """
+    from scipy.sparse import csr_array, kron, vstack
     from threadpoolctl import threadpool_limits
 
     deck_bytes = read_bytes(base_deck, MAX_DECK_BYTES, DeckError)
-    deck = read_inp(deck_bytes, resolver=folder_resolver(base_deck))
+    resolver = folder_resolver(base_deck)
+    deck = read_inp(deck_bytes, resolver=resolver)
+    if has_parts(deck):
+        flat = flat_deck(read_inp(deck_bytes, abaqus=True, resolver=resolver))
+        for remark in flat.remarks:
+            _LOGGER.info(remark)
+        deck, skin_name = flat.read(), flat.name(skin_name)
+        afferents = {
+            name: replace(request, set_name=flat.name(request.set_name))
+            for name, request in afferents.items()
+        }
     model = read_solid_model(deck, length_unit)
     state = linear_state(deck, after_step)
     for remark in state.remarks:
         _LOGGER.info(remark)
-    model_skin = model.skin(skin)
+    model_skin = model.skin(skin_name)
     prescribed = model.prescribed(state.boundaries)[model_skin.rows].any(axis=1)
     inner = np.flatnonzero(~(prescribed | model_skin.border))
     row = model_skin.rows[inner[inner.size // 2] if inner.size else 0]
@@ -719,57 +366,43 @@ def solve_mesh_pad(
         raise ResultError("CalculiX wrote no stiffness matrix", matrix)
     check, _ = _run(folder / "unit_force", unit_force_deck(state, check_node), settings)
     linear = _LinearModel(model, state, run)
-    surface = _surface(linear, model_skin, skin_map)
-    points = _points(linear, surface, afferents)
+    free: BoolArray = np.asarray((linear.unknown[model_skin.rows] >= 0).any(axis=1))
+    follows = linear.follows[model_skin.rows]
+    if follows.any():
+        _LOGGER.info(
+            f"{follows.sum()} nodes of the skin follow others (*TIE, *EQUATION): not touched"
+        )
+    skin = pad_skin(model, linear.position_mm, free & ~follows, model_skin, skin_map)
+    points = stress_points(
+        model,
+        linear.position_mm,
+        skin,
+        afferents,
+        lambda elements: linear.stress_rows(elements, skin.axes),
+    )
+    stress = csr_array(
+        vstack([csr_array(kron(weights, np.eye(6))) @ rows for weights, rows in points.samples])
+    )
     _LOGGER.info(
-        f"{surface.row.size} nodes of skin, {len(points.depth_mm)} points with stress, "
+        f"{skin.row.size} nodes of skin, {len(points.depth_mm)} points with stress, "
         f"{linear.size} unknowns"
     )
     with threadpool_limits(settings.threads or 1, user_api="blas"):
         factors = linear.factorise()
         difference = linear.compare(factors, check, check_node)
-        down_mm, stress_pa = _solve_forces(linear, surface, points, factors, folder)
-    nodes, count = surface.row.size, len(points.depth_mm)
+        down_mm, stress_pa = _solve_forces(linear, skin, stress, factors, folder)
     del factors
-    by_direction = stress_pa.reshape(nodes, 3, count, 6).transpose(1, 3, 2, 0)
-    scale_pa = np.empty((3, 1, count, 1))
-    stress = np.empty(by_direction.shape, dtype=np.float16)
-    for direction, table in enumerate(by_direction):  # one after the other for less memory
-        largest = np.maximum(np.abs(table).max(axis=(0, 2)), 1e-9)
-        scale_pa[direction, 0, :, 0] = largest
-        stress[direction] = table / largest[:, None]
-    return MeshPad(
-        name=base_deck.stem,
-        spacing_mm=surface.spacing_mm,
-        node=model.node[surface.row],
-        position_mm=surface.position_mm,
-        normal=surface.normal,
-        area_mm2=surface.area_mm2,
-        triangles=surface.triangles,
-        is_end=surface.is_end,
-        down_mm=np.ascontiguousarray(down_mm.reshape(nodes, 3, nodes).transpose(1, 2, 0)),
-        point_mm=surface.to_map(points.position_mm),
-        point_layer=points.layer,
-        point_depth_mm=points.depth_mm,
-        stress=stress,
-        stress_scale_pa=scale_pa,
-        layers=points.layers,
-        sites=points.sites,
-        origin={
-            "solver": f"CalculiX {version}".strip(),
-            "deck": base_deck.name,
-            "deck_sha256": hashlib.sha256(deck_bytes).hexdigest(),
-            "skin": normalized_name(skin),
-            "after_step": after_step,
-            "elements": int(sum(block.number.size for block in model.elements)),
-            "unknowns": linear.size,
-            "unit_forces": 3 * nodes,
-            "difference": difference,
-            "apex_mm": surface.middle_mm.tolist(),
-            "outward": surface.axes[1].tolist(),
-            "along": surface.axes[2].tolist(),
-        },
-    )
+    origin = {
+        "solver": f"CalculiX {version}".strip(),
+        "deck": base_deck.name,
+        "deck_sha256": hashlib.sha256(deck_bytes).hexdigest(),
+        "skin": normalized_name(skin_name),
+        "after_step": after_step,
+        "elements": model.element_count,
+        "unknowns": linear.size,
+        "difference": difference,
+    }
+    return pad_of_responses(base_deck.stem, model, skin, points, down_mm, stress_pa, origin)
 
 
 def _run(folder: Path, text: bytes, settings: Solver) -> tuple[RunFolder, str]:

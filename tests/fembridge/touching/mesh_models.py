@@ -106,7 +106,8 @@ _PARTS = {
 def block_of(kind, across=6, down=4, size_mm=0.5):
     """The deck of `block_deck` with elements of another kind; surface SKIN is its upper side."""
     from decks.inp import read_inp
-    from decks.solid_model import CORNERS, EDGES, KINDS, read_solid_model
+    from decks.shape_functions import CORNERS, EDGES
+    from decks.solid_model import KINDS, read_solid_model
 
     model = read_solid_model(read_inp(block_deck(across, down, size_mm).encode()))
     nodes = int("".join(letter for letter in kind[3:] if letter.isdigit()))
