@@ -5,7 +5,7 @@ pad (about four minutes and 0.5 GB of disk for the standard fingertip)::
 
     python -m benchmarks.pad_memory                 # pad_mm 1.2, 0.7 and 0.6
     python -m benchmarks.pad_memory --pad-mm 0.7 --whole-skin
-    python -m benchmarks.pad_memory --factors       # factors alone, beside METIS if pymetis is there
+    python -m benchmarks.pad_memory --factors       # the factors, beside METIS if there
 """
 
 import argparse
@@ -25,7 +25,6 @@ from decks.fingertip import HUMAN, Fingertip
 from decks.inp import read_inp
 from decks.perturbation import linear_state, stiffness_deck
 from decks.solid_model import read_solid_model
-from fembridge.solver.factorisation import Factors
 from fembridge.touching.mesh_green import _LinearModel, _run
 
 
@@ -66,8 +65,13 @@ def pad_row(job: tuple[float, bool]) -> dict[str, float]:
             outward=(0, 1, 0), along=(0, 0, 1), reach_mm=None if whole_skin else 8
         )
         begin_s, begin_cpu_s = time.monotonic(), time.process_time()
-        pad = fb.make_pad(base_deck=deck, skin="SKIN", afferents=afferents, skin_map=skin_map,
-                          solver=fb.Solver(runs_folder=Path(folder) / "runs", threads=1))  # fmt: skip
+        pad = fb.make_pad(
+            base_deck=deck,
+            skin="SKIN",
+            afferents=afferents,
+            skin_map=skin_map,
+            solver=fb.Solver(runs_folder=Path(folder) / "runs", threads=1),
+        )
         wall_s, cpu_s = time.monotonic() - begin_s, time.process_time() - begin_cpu_s
         pad.write(Path(folder) / "pad.npz")
         return {

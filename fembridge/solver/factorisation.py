@@ -183,6 +183,7 @@ def _dissect(matrix: "csr_array", node: IntArray, position: FloatArray) -> list[
     pairs = node[entries.coords[0]], node[entries.coords[1]]
     graph = csr_array((np.ones(entries.nnz, dtype=np.int8), pairs), shape=(count, count))
     graph.sum_duplicates()
+    graph.data[:] = 1
     first = np.searchsorted(node, np.arange(count))
     unknowns = np.diff(np.append(first, node.size))
     parts: list[_Part] = []

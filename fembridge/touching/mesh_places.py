@@ -5,6 +5,7 @@ the skin, or at nodes of the model. Stress there is a moving quadratic fit to sa
 the elements of one layer: nothing is averaged over two layers.
 """
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -21,6 +22,8 @@ from fembridge.typing import BoolArray, FloatArray, IntArray
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
+_LOGGER = logging.getLogger(__name__)
+
 # Samples around a place whose stress counts; how far from one of them a place has stress, by
 # their distance.
 _FIT_SAMPLES, _FIT_DISTANCES = 32, 1.5
@@ -28,10 +31,14 @@ _FIT_SAMPLES, _FIT_DISTANCES = 32, 1.5
 _POINT_DISTANCES = 0.9
 # Points are thinned for a file of this size; bytes of a stored number of stress, and of
 # displacement, as measured.
-_MOST_BYTES, _STRESS_BYTES, _DISPLACEMENT_BYTES = 95e6, 1.5, 3.7
+_MOST_BYTES, _STRESS_BYTES, _DISPLACEMENT_BYTES = 95e6, 1.15, 1.7
 _LEAST_POINTS = 200
 # Skin that is steeper than this (66 degrees) is not on the map.
 _LEAST_MAP_COSINE = 0.4
+# A node of a set lies below the skin if the way to its foot ends at it, to this share of the depth.
+_FOOT_SHARE = 0.05
+# Faces that are steeper than this (cosine, nearly upright) do not look outwards.
+_UPRIGHT_COSINE = 1e-6
 
 Sampled = TypeVar("Sampled")
 
@@ -44,6 +51,7 @@ class PadSkin:
     """Nodes that may touch: `row` in the model, and their skin in the frame of the map.
 
     `axes` ``(3, 3)`` are across, outwards and along in the model; the map begins at `middle_mm`.
+    `outline_mm` ``(L, 4)`` is the outline of the whole model on the map.
     """
 
     row: IntArray
@@ -53,6 +61,7 @@ class PadSkin:
     normal: FloatArray
     area_mm2: FloatArray
     triangles: IntArray
+    outline_mm: FloatArray
 
     def to_map(self, position_mm: FloatArray) -> FloatArray:
         """Positions ``(P, 3)`` in the axes of the model, in the frame of the map."""
@@ -134,7 +143,24 @@ def pad_skin(
         normal=(normal @ axes.T)[selected],
         area_mm2=area_mm2[selected],
         triangles=triangles,
+        outline_mm=_outline(model.whole_skin(), (position_mm - middle_mm) @ axes.T),
     )
+
+
+def _outline(whole: Skin, mapped_mm: FloatArray) -> FloatArray:
+    """Edges between faces that look outwards and others, ``(L, 4)``: x, z of both ends."""
+    corner = mapped_mm[whole.rows][whole.triangles]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    length = np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
+    outwards = normal[:, 1] > _UPRIGHT_COSINE * length
+    edges = np.concatenate(
+        [whole.triangles[outwards][:, pair] for pair in ((0, 1), (1, 2), (2, 0))]
+    )
+    edges.sort(axis=1)
+    single, count = np.unique(edges, axis=0, return_counts=True)
+    ends_mm = mapped_mm[whole.rows[single[count == 1]]]
+    outline: FloatArray = ends_mm[:, :, [0, 2]].reshape(-1, 4)
+    return outline
 
 
 def _axes(
@@ -280,9 +306,18 @@ def _places(
             problem = f"no node set {request.set_name!r}; the deck has {available}"
             raise DeckError(problem, argument="afferents", found=request.set_name)
         rows = model.rows_of(model.node_sets[name])
-        position_mm = model_mm[rows]
-        _, depth_mm = MappedSkin(skin.position_mm, skin.normal).below(skin.to_map(position_mm))
-        return _section_of_nodes(model, rows), name, position_mm, np.maximum(depth_mm, 0.0)
+        mapped = MappedSkin(skin.position_mm, skin.normal)
+        below, depth_mm = mapped.places_below(skin.to_map(model_mm[rows]), _FOOT_SHARE)
+        if not below.any():
+            problem = f"no node of {request.set_name} lies below the skin that may be touched"
+            raise DeckError(problem, argument="afferents", found=request.set_name)
+        if not below.all():
+            _LOGGER.info(
+                f"{request.set_name}: {(~below).sum()} of {rows.size} nodes are not below the skin "
+                "that may be touched, or below its steep part: left out"
+            )
+        rows, depth_mm = rows[below], np.maximum(depth_mm[below], 0.0)
+        return _section_of_nodes(model, rows), name, model_mm[rows], depth_mm
     facing = np.flatnonzero(skin.normal[:, 1] > _LEAST_MAP_COSINE)
     selected = _thinned(
         skin.position_mm[facing][:, [0, 2]], skin.spacing_mm, max(int(most), _LEAST_POINTS)
@@ -383,6 +418,7 @@ def pad_of_responses(
         normal=skin.normal,
         area_mm2=skin.area_mm2,
         triangles=skin.triangles,
+        outline_mm=skin.outline_mm,
         is_end=skin.is_end,
         down_mm=np.ascontiguousarray(
             down_mm.reshape(nodes, 3, nodes).transpose(1, 2, 0), dtype=np.float32
