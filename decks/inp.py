@@ -222,6 +222,17 @@ class Deck:
         return f"; not read: {', '.join(names)}" if names else ""
 
 
+def block_text(block: Block) -> bytes:
+    """The bytes of a block with its data, wherever they are; without ``INPUT=``."""
+    head = block.text.data[block.start : block.body]
+    if (option := block.option("INPUT")) is not None:
+        comma = block.text.data.rindex(b",", block.start, option.start)
+        head = block.text.data[block.start : comma] + block.text.data[option.stop : block.body]
+    data = b"".join(piece.text.data[piece.start : piece.stop] for piece in block.pieces)
+    end = b"" if not data or data.endswith(b"\n") else b"\n"
+    return head.rstrip(b"\r\n") + b"\n" + data + end
+
+
 def normalized_name(text: str) -> str:
     """A keyword, a name or a value as solvers compare it."""
     return "".join(text.replace('"', "").split()).translate(_CAPITALS)

@@ -1,8 +1,10 @@
-"""A user's model about its state after some steps, as decks of small changes for CalculiX.
+"""A user's model about its state after some steps, as decks of small changes.
 
-`stiffness_deck` writes the stiffness matrix (``SOLVER=MATRIXSTORAGE``), and
+For CalculiX `stiffness_deck` writes the stiffness matrix (``SOLVER=MATRIXSTORAGE``), and
 `unit_force_deck` the displacement under one unit force, to compare with. These are two decks: in
 one, ccx 2.20 computes the matrix of a hyperelastic model from what the unit force left behind.
+For Abaqus `abaqus_force_deck` has unit forces as load cases of one perturbation step, whose
+stiffness Abaqus factorises once, and prints displacements and stress under each.
 
 Steps up to the requested one stay as they are. Without one the model is undeformed: what its
 first step holds or moves is held, and contact pairs are left out, since a linear step would glue
@@ -12,8 +14,13 @@ what touches.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from decks.inp import Block, Deck, Option
+import numpy as np
+
+from decks.inp import Block, Deck, Row, block_text, normalized_name
+from decks.keyword_deck import list_lines
+from decks.solid_model import HELD_WORDS
 from fembridge.errors import DeckError
+from fembridge.typing import IntArray
 
 _CONTACT = ("CONTACTPAIR", "CONTACT", "CONTACTINCLUSIONS", "CONTACTPROPERTYASSIGNMENT", "CLEARANCE")
 # Procedures after which a model may be linearised.
@@ -25,6 +32,12 @@ _NOT_LINEARISED = (
 )  # fmt: skip
 # Of the mass, which is not used: a matrix is only written together with it.
 _DENSITY = "1.E-9"
+# Output that other solvers write, which is left out of the kept steps.
+_CALCULIX_OUTPUT = ("NODEFILE", "ELFILE", "NODEOUTPUT", "ELEMENTOUTPUT", "OUTPUT", "CONTACTOUTPUT")
+_ABAQUS_PRINTS = ("NODEPRINT", "ELPRINT", "CONTACTPRINT", "ENERGYPRINT", "SECTIONPRINT")
+_LAST_INCREMENT_ONLY = 100000
+# Sets of the decks of unit forces, whose names Abaqus prints above each table.
+SKIN_SET, LAYER_SET, STATE_SET = "FEMBRIDGE_SKIN", "FEMBRIDGE_LAYER", "FEMBRIDGE_STATE"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,23 +142,94 @@ def unit_force_deck(state: LinearState, node: int) -> bytes:
     return b"".join(_state_lines(state)) + "\n".join(lines).encode()
 
 
+def abaqus_force_deck(
+    state: LinearState,
+    forces: IntArray,
+    skin: IntArray,
+    elements: IntArray,
+    around: IntArray,
+    *,
+    step_per_force: bool = False,
+) -> bytes:
+    """Deck for Abaqus/Standard with unit forces about `state`, and printed tables of the results.
+
+    Parameters
+    ----------
+    state
+        The model and the steps that are kept.
+    forces
+        Node and axis (1 to 3) of each force, ``(K, 2)``.
+    skin
+        Nodes whose displacement is printed.
+    elements
+        Elements whose stress is printed at the integration points.
+    around
+        Nodes whose displacement is printed after the last step that is kept.
+    step_per_force
+        Whether each force has a perturbation step, instead of a load case of one step.
+    """
+    nodes = np.unique(skin)
+    sets = [f"*NSET, NSET={SKIN_SET}\n{list_lines(nodes)}\n"]
+    sets.append(f"*ELSET, ELSET={LAYER_SET}\n{list_lines(np.unique(elements))}\n")
+    if state.steps:
+        sets.append(f"*NSET, NSET={STATE_SET}\n{list_lines(np.unique(around))}\n")
+    requests = (
+        f"*NODE PRINT, NSET={SKIN_SET}, SUMMARY=NO, TOTALS=NO\nU\n"
+        f"*EL PRINT, ELSET={LAYER_SET}, SUMMARY=NO, TOTALS=NO\nS\n"
+    )
+    lines = []
+    step = "*STEP, NAME={}, PERTURBATION\n*STATIC\n*OUTPUT, FIELD, FREQUENCY=0\n" + requests
+    for number, (node, axis) in enumerate(forces.tolist(), start=1):
+        load = f"*CLOAD\n{node}, {axis}, 1.\n"
+        name = f"FORCE_{number}"
+        if step_per_force:
+            lines.append(f"{step.format(name)}{load}*END STEP\n")
+        else:
+            lines.append(f"*LOAD CASE, NAME={name}\n{load}*END LOAD CASE\n")
+    if not step_per_force:
+        lines = [step.format("FORCES"), *lines, "*END STEP\n"]
+    return b"".join([*_abaqus_state_lines(state, "".join(sets)), "".join(lines).encode()])
+
+
+def _abaqus_state_lines(state: LinearState, sets: str) -> Iterator[bytes]:
+    """The state with `sets` before the first step; displacements are printed after the last."""
+    for block in state.model:
+        if state.steps or block.keyword not in ("BOUNDARY", "AMPLITUDE"):
+            yield block_text(block)
+    if not state.steps:
+        yield from _held_lines(state.boundaries)
+    yield sets.encode()
+    for number, step in enumerate(state.steps, start=1):
+        for block in step[:-1]:
+            if block.keyword not in _ABAQUS_PRINTS:
+                yield block_text(block)
+        if number == len(state.steps):
+            yield (
+                f"*NODE PRINT, NSET={STATE_SET}, FREQUENCY={_LAST_INCREMENT_ONLY}, "
+                "SUMMARY=NO, TOTALS=NO\nU\n"
+            ).encode()
+        yield block_text(step[-1])
+
+
 def _state_lines(state: LinearState) -> Iterator[bytes]:
     without_mass = _materials_without_density(state.model)
     for block in state.model:
         if block.keyword in ("BOUNDARY", "AMPLITUDE") and not state.steps:
             continue
-        yield _text(block)
+        yield _without_words(block) if block.keyword == "BOUNDARY" else block_text(block)
         if block in without_mass:
             yield f"*DENSITY\n{_DENSITY},\n".encode()
     if not state.steps:
         yield from _held_lines(state.boundaries)
     for step_number, step in enumerate(state.steps, start=1):
         for block in step[:-1]:
-            if block.keyword not in ("NODEFILE", "ELFILE", "NODEOUTPUT", "ELEMENTOUTPUT"):
-                yield _text(block)
+            if block.keyword == "BOUNDARY":
+                yield _without_words(block)
+            elif block.keyword not in _CALCULIX_OUTPUT:
+                yield block_text(block)
         if step_number == len(state.steps):
             yield b"*NODE OUTPUT, FREQUENCY=100000, DOUBLE\nU\n"
-        yield _text(step[-1])
+        yield block_text(step[-1])
 
 
 def _materials_without_density(model: Sequence[Block]) -> list[Block]:
@@ -164,21 +248,25 @@ def _held_lines(boundaries: Sequence[Block]) -> Iterator[bytes]:
     for block in boundaries:
         yield b"*BOUNDARY\n"
         for row in block.rows():
-            yield (", ".join(row.fields[:3]) + "\n").encode("latin-1")
+            for fields in _freedoms(row):
+                yield (", ".join(fields[:3]) + "\n").encode("latin-1")
 
 
-def _text(block: Block) -> bytes:
-    """The bytes of a block with its data, wherever they are; without ``INPUT=``."""
-    head = block.text.data[block.start : block.body]
-    if (option := block.option("INPUT")) is not None:
-        head = _without(block, option)
-    data = b"".join(piece.text.data[piece.start : piece.stop] for piece in block.pieces)
-    return (
-        head.rstrip(b"\r\n") + b"\n" + data + (b"" if not data or data.endswith(b"\n") else b"\n")
-    )
+def _without_words(block: Block) -> bytes:
+    """A ``*BOUNDARY`` block with numbers for words that Abaqus knows, as ``ENCASTRE``."""
+    rows = list(block.rows())
+    expanded = [fields for row in rows for fields in _freedoms(row)]
+    if expanded == [row.fields for row in rows]:
+        return block_text(block)
+    head = block.text.data[block.start : block.body].rstrip(b"\r\n")
+    return b"\n".join([head, *(", ".join(f).encode("latin-1") for f in expanded), b""])
 
 
-def _without(block: Block, option: Option) -> bytes:
-    data = block.text.data
-    comma = data.rindex(b",", block.start, option.start)
-    return data[block.start : comma] + data[option.stop : block.body]
+def _freedoms(row: Row) -> Iterator[tuple[str, ...]]:
+    """Fields of a row of ``*BOUNDARY``; of a word as ``XSYMM`` those of each displacement."""
+    axes = HELD_WORDS.get(normalized_name(row.fields[1])) if len(row.fields) > 1 else None
+    if axes is None:
+        yield row.fields
+    else:
+        for axis in axes:
+            yield (row.fields[0], axis, axis)

@@ -37,7 +37,7 @@ _TRIANGLES: Mapping[int, tuple[tuple[int, int, int], ...]] = {
     8: ((0, 4, 7), (4, 1, 5), (5, 2, 6), (6, 3, 7), (4, 5, 6), (4, 6, 7)),
 }
 # Degrees of freedom that Abaqus holds by a word.
-_HELD_WORDS = {"XSYMM": "1", "YSYMM": "2", "ZSYMM": "3", "ENCASTRE": "123", "PINNED": "123"}
+HELD_WORDS = {"XSYMM": "1", "YSYMM": "2", "ZSYMM": "3", "ENCASTRE": "123", "PINNED": "123"}
 _AXES = 3
 
 
@@ -174,9 +174,9 @@ class SolidModel:
                     nodes = np.array([row.integer(0)])
                 if (
                     len(row.fields) > 1
-                    and (constraint := normalized_name(row.fields[1])) in _HELD_WORDS
+                    and (constraint := normalized_name(row.fields[1])) in HELD_WORDS
                 ):
-                    axes = [int(digit) for digit in _HELD_WORDS[constraint]]
+                    axes = [int(digit) for digit in HELD_WORDS[constraint]]
                 else:
                     first = row.integer(1)
                     axes = list(range(first, row.integer(2, blank=first) + 1))

@@ -77,7 +77,7 @@ if TYPE_CHECKING:
     from fembridge.stimulus import Stimulus
     from fembridge.sweeps.sweep import Sweep as Sweep
     from fembridge.sweeps.sweep import sweep
-    from fembridge.touching.make_pad import make_pad
+    from fembridge.touching.make_pad import make_pad, pad_decks
     from fembridge.touching.pad import Pad
     from fembridge.touching.pad_request import SkinMap
     from fembridge.touching.population import Population
@@ -103,6 +103,7 @@ __all__ = [  # noqa: RUF022 - the main job first, then from deck to spikes, then
     "touch",
     "receptive_field",
     "make_pad",
+    "pad_decks",
     "sweep",
     "fit",
     "threshold",
@@ -147,7 +148,7 @@ _HOMES = {
         ("fembridge.touching.touch_result", "Touch"),
         ("fembridge.touching.trajectory", "Trajectory"),
         ("fembridge.touching.receptive_field", "receptive_field ReceptiveField"),
-        ("fembridge.touching.make_pad", "make_pad"),
+        ("fembridge.touching.make_pad", "make_pad pad_decks"),
         ("fembridge.touching.pad_request", "SkinMap"),
         ("fembridge.touching.pad", "Pad"),
         ("fembridge.touching.shape", "Shape"),

@@ -60,6 +60,8 @@ NODE = Range(1, 10**15, is_whole=True)
 
 RANGES: Mapping[str, Range] = {
     "angle_deg": _ANGLE_DEG,
+    "force_n": Range(ABOVE_ZERO, 1000),
+    "forces_per_deck": _COUNT,
     "tilt_deg": Range(-85, 85),
     "at_mm": Range(-1000, 1000),
     "bin_ms": _POSITIVE,

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from decks.assembly import scopes_of
 from decks.inp import folder_resolver, read_inp
 from decks.marc.contents import read_marc_deck
-from decks.own_model.inp_deck import scopes_of
 from decks.own_model.inp_model import ModelScope, family_of
 from fembridge.errors import DeckError
 from fembridge.typing import FloatArray, IntArray
@@ -101,13 +101,13 @@ _Part = tuple[str, dict[int, tuple[float, ...]], Iterator[tuple[str, bool, Seque
 def _inp_parts(path: Path) -> Iterator[_Part]:
     deck = read_inp(path.read_bytes(), resolver=folder_resolver(path))
     for scope in scopes_of(deck):
-        nodes: dict[int, tuple[float, ...]] = {}
+        own: dict[int, list[float]] = {}
         for block in scope.blocks:
             for row in block.rows() if block.keyword == "NODE" else ():
                 with suppress(DeckError):
-                    nodes[row.integer(0)] = tuple(
-                        row.number(1 + axis, blank=0.0) + scope.shift[axis] for axis in range(3)
-                    )
+                    own[row.integer(0)] = [row.number(1 + axis, blank=0.0) for axis in range(3)]
+        placed = scope.placement.moved(np.array([*own.values()]).reshape(-1, 3))
+        nodes = {number: tuple(row) for number, row in zip(own, placed.tolist(), strict=True)}
         model = ModelScope(scope.blocks)
         yield scope.instance, nodes, _inp_cells(model)
 

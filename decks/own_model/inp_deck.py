@@ -18,6 +18,9 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
 
+import numpy as np
+
+from decks.assembly import Scope, scopes_of
 from decks.dialects import SHELL_FACES
 from decks.inp import (
     Block,
@@ -98,7 +101,6 @@ _OUTPUT_SET = "FEMBRIDGE_OUTPUT"
 # Of automatic increments: the samples, at which results are written.
 _TIME_POINTS = "FEMBRIDGE_TIMES"
 _SET_NAME = re.compile(r"[A-Za-z0-9_-]+")
-_SCOPE_KEYWORDS = ("PART", "INSTANCE")
 _NODE_MAKERS = ("NCOPY", "NFILL", "NGEN", "NMAP")
 # Elements of a solid model, where z counts.
 _SOLID = ("C3D", "M3D", "SC", "S3", "S4", "S6", "S8")
@@ -124,16 +126,6 @@ class NodePosition:
     position: tuple[float, ...]
     instance: str
     where: str
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Scope:
-    """Blocks whose numbers count together: a part as an instance puts it, or all."""
-
-    instance: str
-    blocks: tuple[Block, ...]
-    shift: tuple[float, ...] = (0.0, 0.0, 0.0)
-    rotated: str = ""
 
 
 def rebase_inp(
@@ -1077,45 +1069,6 @@ def _with_start_stress(
 # ---- Nodes
 
 
-def scopes_of(deck: Deck) -> list[Scope]:
-    """The scopes of a deck: one, or the assembly's own and one an instance."""
-    parts: dict[str, list[Block]] = {}
-    scopes: list[Scope] = []
-    outside: list[Block] = []
-    inside: list[Block] = []
-    opened: Block | None = None
-    for block in deck.blocks:
-        if opened is not None and block.keyword in (*_SCOPE_KEYWORDS, "ENDASSEMBLY", "STEP"):
-            raise opened.error(f"this {opened.title} has no *END {opened.title[1:]}")
-        if block.keyword in _SCOPE_KEYWORDS:
-            opened, inside = block, []
-        elif opened is not None and block.keyword == f"END{opened.keyword}":
-            if opened.keyword == "PART":
-                parts[opened.value_of("NAME")] = inside
-            else:
-                scopes.append(_instance(opened, parts, inside))
-            opened = None
-        else:
-            (outside if opened is None else inside).append(block)
-    return [Scope("", tuple(outside)), *scopes]
-
-
-def _instance(block: Block, parts: dict[str, list[Block]], instance_blocks: list[Block]) -> Scope:
-    part = block.value_of("PART")
-    if part and part not in parts:
-        raise block.error(f"*INSTANCE of part {part}, which is nowhere before it")
-    option = block.option("NAME")
-    if option is None:
-        raise block.error(f"{block.title} without NAME=")
-    # With its case and quotes, which Abaqus heeds together.
-    name_text = block.text.data[option.start : option.stop].partition(b"=")[2]
-    name = name_text.strip().decode("latin-1")
-    rows = list(block.rows())
-    shift = tuple(rows[0].number(index, blank=0.0) for index in range(3)) if rows else (0.0,) * 3
-    rotated = rows[1].where if len(rows) > 1 else ""
-    return Scope(name, (*parts.get(part, ()), *instance_blocks), shift, rotated)
-
-
 def _find_nodes(deck: Deck, scopes: list[Scope], nodes: list[int]) -> list[NodePosition]:
     """Find each of `nodes`, in that order."""
     candidates: dict[int, list[NodePosition]] = {node: [] for node in nodes}
@@ -1152,16 +1105,17 @@ def _nodes_in(scope: Scope, nodes: list[int], axes: int) -> dict[int, NodePositi
                     "rectangular coordinates"
                 )
             node = row.integer(0)
-            position = tuple(row.number(1 + k, blank=0.0) + scope.shift[k] for k in range(axes))
+            position = scope.placement.moved(
+                np.array([[row.number(1 + k, blank=0.0) for k in range(3)]])
+            )[0]
             positions[node] = NodePosition(
-                node, position, scope.instance, row.where
+                node, tuple(position[:axes].tolist()), scope.instance, row.where
             )  # the last one counts
     moved = [block.where for block in scope.blocks if block.keyword == "SYSTEM"]
-    if positions and (moved or scope.rotated):
+    if positions and moved:
         raise DeckError(
-            f"{(moved or [scope.rotated])[0]}: rotates or moves the nodes of "
-            f"{scope.instance or 'the deck'}, and their position is not computed; "
-            "write them in global coordinates"
+            f"{moved[0]}: rotates or moves the nodes of {scope.instance or 'the deck'}, and their "
+            "position is not computed; write them in global coordinates"
         )
     return positions
 

@@ -9,9 +9,12 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import chain
 
+import numpy as np
+
+from decks.assembly import Scope, scopes_of
 from decks.inp import Block, Deck, Resolver, members, read_inp
 from decks.own_model import Request
-from decks.own_model.inp_deck import Scope, scopes_of, units_of
+from decks.own_model.inp_deck import units_of
 from decks.own_model.inp_drive import (
     MOVABLE,
     Drive,
@@ -33,6 +36,7 @@ from decks.own_model.inspection import (
     part_row,
 )
 from fembridge.errors import DeckError
+from fembridge.typing import FloatArray
 
 # Cards that define how a material deforms, the first that a solver goes by.
 _LAWS = (
@@ -97,9 +101,10 @@ def inspect_inp(
 
 def _add_mesh(result: Inspection, deck: Deck, scopes: Sequence[Scope]) -> None:
     """Number of nodes and the box around them."""
-    low, high = [float("inf")] * 3, [float("-inf")] * 3
+    boxes: list[FloatArray] = []
     numbers: set[tuple[str, int]] = set()
     for scope in scopes:
+        positions: list[list[float]] = []
         for block in scope.blocks:
             if block.keyword != "NODE":
                 continue
@@ -107,12 +112,14 @@ def _add_mesh(result: Inspection, deck: Deck, scopes: Sequence[Scope]) -> None:
             for row in block.rows():
                 with suppress(DeckError):
                     numbers.add((scope.instance, row.integer(0)))
-                    for axis in range(0 if cylindrical else 3):
-                        value = row.number(1 + axis, blank=0.0) + scope.shift[axis]
-                        low[axis], high[axis] = min(low[axis], value), max(high[axis], value)
+                    if not cylindrical:
+                        positions.append([row.number(1 + axis, blank=0.0) for axis in range(3)])
+        if positions:
+            placed = scope.placement.moved(np.array(positions))
+            boxes += [placed.min(axis=0), placed.max(axis=0)]
     result.nodes = len(numbers)
-    if high[0] >= low[0]:
-        result.size = tuple(last - first for first, last in zip(low, high, strict=True))
+    if boxes:
+        result.size = tuple(np.ptp(boxes, axis=0).tolist())
     for inclusion in deck.inclusions:
         if not inclusion.read:
             result.warn("cards", f"{inclusion.where}: {inclusion.name} was not read")

@@ -43,7 +43,7 @@ from fembridge.results.read_options import ReadOptions, in_pa
 from fembridge.results.status import parse_fortran
 from fembridge.results.von_mises import von_mises_pa
 from fembridge.trace import MS_PER_S, seconds_to_ms
-from fembridge.typing import FloatArray
+from fembridge.typing import FloatArray, IntArray
 
 _CHECKED_ROWS, _ROW_BYTES, _VALUE_BYTES = 100_000, 300, 60  # of lists, and arrays of them
 _LONGEST_PREAMBLE, _SHOWN_CHARACTERS = 1000, 80  # of a preamble, kept and shown
@@ -113,6 +113,55 @@ def nodal_stress(path: Path, nodes: Sequence[int] | None, options: ReadOptions) 
             )
         samples_by_node.append((node, np.array(sets[set_name])))
     return history_of_samples(samples_by_node, path)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PrintedTable:
+    """A table of a ``.dat`` as printed, without rows of zeros.
+
+    `kind` is its preamble, with the element type and the name of the set. `labels` ``(R, 1 or 2)``
+    are node, or element and point; `values` ``(R, column)``; `line` is its first line.
+    """
+
+    kind: str
+    set_name: str
+    columns: tuple[str, ...]
+    labels: IntArray
+    values: FloatArray
+    line: int
+
+
+def printed_tables(path: Path) -> Iterator[PrintedTable]:
+    """All tables of a ``.dat`` of Abaqus in its order, one at a time, whatever their times.
+
+    Load cases have no times of their own, so these tables need none.
+
+    Raises
+    ------
+    ResultError
+        A cut table, or a file without the line that ends a complete analysis.
+    """
+    is_complete = False
+    for table, number, closed in _read_tables(path, _Clock()):
+        if table is None:
+            is_complete = True
+        elif not closed or (not table.columns and not table.closed):
+            raise ResultError(f"cut in the table from line {table.line}", path, number)
+        elif table.labels:
+            yield PrintedTable(
+                kind=table.preamble,
+                set_name=table.set_name,
+                columns=table.columns,
+                labels=np.array([row[0] for row in table.rows], dtype=np.int64).reshape(
+                    len(table.rows), len(table.labels)
+                ),
+                values=np.array([row[1] for row in table.rows]).reshape(
+                    len(table.rows), len(table.columns)
+                ),
+                line=table.line,
+            )
+    if not is_complete:
+        raise ResultError(f"cut, or the job did not end: {_COMPLETED} is missing", path)
 
 
 @dataclass(slots=True)
@@ -221,10 +270,15 @@ class _Table:
     total: list[float] = field(default_factory=list)
     digit_warning: str = ""
 
+    @property
+    def set_name(self) -> str:
+        """Name of the set in the preamble, or ``ALL``."""
+        match = _SET.search(self.preamble)
+        return match[1] if match else "ALL"
+
     def sections(self) -> Iterator[DatSection]:
         """Section of each quantity."""
         assert self.time_ms is not None  # see `abaqus_sections`
-        set_match = _SET.search(self.preamble)
         at_nodes = " at nodes" if "AVERAGED AT THE NODES" in self.preamble else ""
         families: dict[str, list[int]] = {}
         for column, name in enumerate(self.columns):
@@ -237,7 +291,7 @@ class _Table:
         for family, columns in families.items():
             section = DatSection(
                 quantity=family + at_nodes,
-                set_name=set_match[1] if set_match else "ALL",
+                set_name=self.set_name,
                 columns=tuple(self.columns[column] for column in columns),
                 time_ms=self.time_ms,
                 label_names=self.labels,

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from decks.assembly import flat_deck, has_parts
 from decks.dialects import JOB
 from decks.inp import folder_resolver, normalized_name, read_inp
 from decks.material_law import STRESS_PAIRS, Law, read_law, stress_change
@@ -339,7 +340,17 @@ def solve_mesh_pad(
     from threadpoolctl import threadpool_limits
 
     deck_bytes = read_bytes(base_deck, MAX_DECK_BYTES, DeckError)
-    deck = read_inp(deck_bytes, resolver=folder_resolver(base_deck))
+    resolver = folder_resolver(base_deck)
+    deck = read_inp(deck_bytes, resolver=resolver)
+    if has_parts(deck):
+        flat = flat_deck(read_inp(deck_bytes, abaqus=True, resolver=resolver))
+        for remark in flat.remarks:
+            _LOGGER.info(remark)
+        deck, skin_name = read_inp(flat.data, abaqus=True), flat.name(skin_name)
+        afferents = {
+            name: replace(request, set_name=flat.name(request.set_name))
+            for name, request in afferents.items()
+        }
     model = read_solid_model(deck, length_unit)
     state = linear_state(deck, after_step)
     for remark in state.remarks:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from decks.inp import normalized_name
 from decks.solid_model import Skin, SolidModel
@@ -385,8 +386,8 @@ def pad_of_responses(
     model: SolidModel,
     skin: PadSkin,
     points: StressPoints[Any],
-    down_mm: FloatArray,
-    stress_pa: FloatArray,
+    down_mm: NDArray[np.floating[Any]],
+    stress_pa: NDArray[np.floating[Any]],
     origin: Mapping[str, Any],
 ) -> MeshPad:
     """The pad of responses to 1 N on each node: across, into the skin, along; node by node.
