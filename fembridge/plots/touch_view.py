@@ -166,18 +166,28 @@ PICTURES = {"pad": pad_figure, "raster": unit_raster_figure}
 
 
 def _view_mm(touch: "Touch") -> tuple[float, float]:
-    """Half width and half length of the view: all units and the contact, with a margin."""
+    """Half width and half length of the view: units, contact and outline, with a margin."""
     units, nodes = touch.population, touch.contact.nodes
+    outline_mm = nodes.pad.outline()
+    along_mm = outline_mm[:, 1::2] if nodes.pad.outline_ends else []
     half_width, half_length = (
-        float(np.abs([*of_units, *of_nodes]).max(initial=1.0)) + _MARGIN_MM
-        for of_units, of_nodes in ((units.x_mm, nodes.x_mm), (units.z_mm, nodes.z_mm))
+        float(np.abs(np.concatenate([np.ravel(part) for part in parts])).max(initial=1.0))
+        + _MARGIN_MM
+        for parts in (
+            (units.x_mm, nodes.x_mm, outline_mm[:, ::2]),
+            (units.z_mm, nodes.z_mm, along_mm),
+        )
     )
     return half_width, max(half_length, _LEAST_SHARE * half_width)
 
 
 def _look_at_pad(panel: "Axes", touch: "Touch") -> tuple[float, float]:
-    """Show what is in view, x as long as z; half width and half length of that."""
+    """Show what is in view and the outline, x as long as z; half width and half length of that."""
+    from matplotlib.collections import LineCollection
+
     half_width, half_length = _view_mm(touch)
+    pieces_mm = touch.contact.nodes.pad.outline().reshape(-1, 2, 2)
+    panel.add_collection(LineCollection(pieces_mm, colors=INK, linewidths=HAIR_PT, zorder=1))
     panel.set_xlim(-half_width, half_width)
     panel.set_ylim(-half_length, half_length)
     panel.set_aspect("equal")

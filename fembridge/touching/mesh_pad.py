@@ -289,6 +289,10 @@ class MeshPad(Pad):
         """Outward normal of the skin, ``(P, 3)``, see `Pad`."""
         return self._surface.at(np.stack([x_mm, z_mm], -1))[1]
 
+    def outline(self) -> FloatArray:
+        """Outline of the model on the map, see `Pad`."""
+        return self.outline_mm
+
     # ---- Afferents
 
     @property

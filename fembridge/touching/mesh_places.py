@@ -7,7 +7,7 @@ the elements of one layer: nothing is averaged over two layers.
 
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
@@ -38,6 +38,8 @@ _LEAST_POINTS = 200
 _LEAST_MAP_COSINE = 0.4
 # A node of a set lies below the skin if the way to its foot ends at it, to this share of the depth.
 _FOOT_SHARE = 0.05
+# A node set of one node at the middle of the map.
+_APEX_SET = "APEX"
 # Faces that are steeper than this (cosine, nearly upright) do not look outwards.
 _UPRIGHT_COSINE = 1e-6
 
@@ -117,8 +119,12 @@ def pad_skin(
         np.add.at(normal, skin.triangles[:, place], twice)
         np.add.at(area_mm2, skin.triangles[:, place], np.linalg.norm(twice, axis=1) / 6)
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+    apex = _apex(model, skin_map)
+    if apex is not None and skin_map.outward is None and apex in skin.rows:
+        x, y, z = normal[np.searchsorted(skin.rows, apex)].tolist()
+        skin_map = replace(skin_map, outward=(x, y, z))
     axes = _axes(skin_mm, area_mm2, normal, skin_map)
-    if skin_map.apex is None:
+    if apex is None:
         mean_mm = area_mm2 @ skin_mm / area_mm2.sum()
         offset = skin_mm - mean_mm
         aside_mm = np.linalg.norm(offset - (offset @ axes[1])[:, None] * axes[1], axis=1)
@@ -127,7 +133,7 @@ def pad_skin(
             offset[np.where(above, aside_mm, np.inf).argmin()] @ axes[1]
         )
     else:
-        middle_mm = position_mm[_row_of(model, skin_map.apex)]
+        middle_mm = position_mm[apex]
     mapped = (skin_mm - middle_mm) @ axes.T
     near = np.linalg.norm(mapped, axis=1) <= (skin_map.reach_mm or np.inf)
     selected: BoolArray = np.asarray(free & near)
@@ -191,7 +197,12 @@ def _axes(
     return np.stack([np.cross(outward, along), outward, along])
 
 
-def _row_of(model: SolidModel, node: int) -> int:
+def _apex(model: SolidModel, skin_map: SkinMap) -> int | None:
+    """Row of the node at the middle of the map: of `skin_map`, or of the node set APEX."""
+    named = model.node_sets.get(_APEX_SET, np.zeros(0, dtype=np.int64))
+    node = int(named[0]) if skin_map.apex is None and named.size == 1 else skin_map.apex
+    if node is None:
+        return None
     rows = model.rows_of(np.array([node]))
     if not rows.size:
         raise DeckError(f"no *NODE of the deck defines node {node}", argument="apex", found=node)

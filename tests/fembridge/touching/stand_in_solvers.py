@@ -182,7 +182,10 @@ def marc_block(text, preload_n=0.0):
     lines += [
         integers(n) + reals(*at) for n, at in zip(model.node, model.position.tolist(), strict=True)
     ]
-    sets = {**{n: ("node", m) for n, m in model.node_sets.items()}, "RUBBER": ("element", block.number)}
+    sets = {
+        **{n: ("node", m) for n, m in model.node_sets.items()},
+        "RUBBER": ("element", block.number),
+    }
     for name, (kind, members) in sets.items():
         lines.append(f"{'define':<20}{kind:<20}{'set':<20}{name}")
         rows = [members[k : k + 13] for k in range(0, len(members), 13)]
@@ -199,8 +202,19 @@ def marc_block(text, preload_n=0.0):
     lines += ["point load", "", integers(1, 0, 0, 0, 0, 0) + "pull", reals(preload_n, 0, preload_n),
               integers(1, 0, 1), integers(2), "CORNERS"]  # fmt: skip
     lines += ["loadcase            job1", integers(1), "held", "no print"]
-    lines += ["post", integers(1, 16, 17, 0, 0, 19, 20, 0, 1, *[0] * 7), integers(17, 0), "end option"]
-    lines += ["title               pulled", "loadcase            pulled", integers(2), "held", "pull"]
+    lines += [
+        "post",
+        integers(1, 16, 17, 0, 0, 19, 20, 0, 1, *[0] * 7),
+        integers(17, 0),
+        "end option",
+    ]
+    lines += [
+        "title               pulled",
+        "loadcase            pulled",
+        integers(2),
+        "held",
+        "pull",
+    ]
     lines += ["control             structural", integers(50, 10, 0, 0, 0, 1, *[0] * 9),
               reals(0.1, 0, 0, 0, 0, 0, -1, 0)]  # fmt: skip
     lines += ["auto load", integers(4, 0, 10, 0, 0), "time step", reals(0.25), "continue"]
