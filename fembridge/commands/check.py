@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         check,
         stimulus=(
             "ID|FILE",
-            "waveform of the trial and of the forecast (default: sine_20_250, of a deck with a step)",
+            "waveform of the trial and of the forecast (default, with a step: sine_20_250)",
         ),
         preindent_um=("UM", "depth of the probe before time 0"),
     )

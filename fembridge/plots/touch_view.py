@@ -169,7 +169,7 @@ def _view_mm(touch: "Touch") -> tuple[float, float]:
     """Half width and half length of the view: units, contact and outline, with a margin."""
     units, nodes = touch.population, touch.contact.nodes
     outline_mm = nodes.pad.outline()
-    along_mm = outline_mm[:, 1::2] if nodes.pad.outline_ends else []
+    along_mm = outline_mm[:, 1::2] if nodes.pad.outline_ends else outline_mm[:0]
     half_width, half_length = (
         float(np.abs(np.concatenate([np.ravel(part) for part in parts])).max(initial=1.0))
         + _MARGIN_MM
@@ -187,7 +187,7 @@ def _look_at_pad(panel: "Axes", touch: "Touch") -> tuple[float, float]:
 
     half_width, half_length = _view_mm(touch)
     pieces_mm = touch.contact.nodes.pad.outline().reshape(-1, 2, 2)
-    panel.add_collection(LineCollection(pieces_mm, colors=INK, linewidths=HAIR_PT, zorder=1))
+    panel.add_collection(LineCollection(list(pieces_mm), colors=INK, linewidths=HAIR_PT, zorder=1))
     panel.set_xlim(-half_width, half_width)
     panel.set_ylim(-half_length, half_length)
     panel.set_aspect("equal")

@@ -32,7 +32,7 @@ _FIT_SAMPLES, _FIT_DISTANCES = 32, 1.5
 _POINT_DISTANCES = 0.9
 # Points are thinned for a file of this size; bytes of a stored number of stress, and of
 # displacement, as measured.
-_MOST_BYTES, _STRESS_BYTES, _DISPLACEMENT_BYTES = 95e6, 1.15, 1.7
+_MOST_BYTES, _STRESS_BYTES, _DISPLACEMENT_BYTES = 95e6, 1.27, 1.9
 _LEAST_POINTS = 200
 # Skin that is steeper than this (66 degrees) is not on the map.
 _LEAST_MAP_COSINE = 0.4

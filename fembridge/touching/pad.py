@@ -308,7 +308,7 @@ class Pad(ABC):
 
     @abstractmethod
     def outline(self) -> FloatArray:
-        """Outline of the finger on the map: x and z of both ends of each piece, ``(L, 4)`` in mm."""
+        """Outline of the finger on the map: x, z of both ends of each piece, ``(L, 4)`` in mm."""
 
     # ---- Afferents
 
