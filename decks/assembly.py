@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from decks.inp import Block, Deck, Option, block_text, normalized_name
+from decks.inp import Block, Deck, Option, block_text, normalized_name, read_inp
 from fembridge.typing import FloatArray
 
 _SCOPE_KEYWORDS = ("PART", "INSTANCE")
@@ -22,6 +22,8 @@ _LABELLED = {"NSET": "NSET", "NODE": "NSET", "ELSET": "ELSET", "ELEMENT": "ELSET
 _NAMES = ("NSET", "ELSET", "NAME", "ORIENTATION")
 _WITHOUT_NUMBERS = ("MASS", "ROTARYINERTIA", "SPRING", "DASHPOT")
 _DROPPED_OPTIONS = ("INPUT", "INSTANCE", "INTERNAL")
+FLAT_FILE = "base.inp"
+"""Name of the file that a flat deck is written to."""
 _AXES = 3
 _ROTATION_FIELDS = 7
 
@@ -137,6 +139,10 @@ class FlatDeck:
     data: bytes
     names: Mapping[str, str]
     remarks: tuple[str, ...]
+
+    def read(self, *, renamed: bool = True) -> Deck:
+        """The deck; if `renamed`, its lines in an error are those of ``base.inp``."""
+        return read_inp(self.data, abaqus=True, name=FLAT_FILE if renamed else "")
 
     def name(self, text: str) -> str:
         """The name of a set or surface in the flat deck, of ``NAME`` or ``INSTANCE.NAME``."""

@@ -223,9 +223,10 @@ class Deck:
 
 
 def block_text(block: Block) -> bytes:
-    """The bytes of a block with its data, wherever they are; without ``INPUT=``."""
+    """The bytes of a block with its data, wherever they are; without ``INPUT=`` once it is read."""
     head = block.text.data[block.start : block.body]
-    if (option := block.option("INPUT")) is not None:
+    option = block.option("INPUT")
+    if option is not None and any(piece.text is not block.text for piece in block.pieces):
         comma = block.text.data.rindex(b",", block.start, option.start)
         head = block.text.data[block.start : comma] + block.text.data[option.stop : block.body]
     data = b"".join(piece.text.data[piece.start : piece.stop] for piece in block.pieces)
@@ -249,11 +250,13 @@ def parse_integer(text: str, where: str) -> int:
 # ---- Reading
 
 
-def read_inp(data: bytes, *, abaqus: bool = False, resolver: Resolver | None = None) -> Deck:
+def read_inp(
+    data: bytes, *, abaqus: bool = False, resolver: Resolver | None = None, name: str = ""
+) -> Deck:
     """Read a deck and, by `resolver`, the files that it includes.
 
-    `abaqus`: by the rules of Abaqus, not of ccx. All bytes are accepted: text
-    before the first keyword belongs to no block, other text to the block before it.
+    `abaqus`: by the rules of Abaqus, not of ccx; `name` is put before line numbers. All bytes are
+    accepted: text before the first keyword belongs to no block, other text to the block before it.
 
     Raises
     ------
@@ -261,7 +264,7 @@ def read_inp(data: bytes, *, abaqus: bool = False, resolver: Resolver | None = N
         ``*INCLUDE`` without a file, or files that include each other.
     """
     reader = _Reader(abaqus, resolver)
-    reader.take(Text(data), ())
+    reader.take(Text(data, name), ())
     return Deck(tuple(reader.blocks), tuple(reader.inclusions))
 
 

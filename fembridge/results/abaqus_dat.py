@@ -450,7 +450,7 @@ def _read_tables(path: Path, clock: _Clock) -> Iterator[tuple[_Table | None, int
         elif "ALL VALUES IN THIS TABLE ARE ZERO" in text:
             table.closed = True
         elif row := _ROW.fullmatch(line):
-            values = _parse_values(row[3].split(), table, path, number)
+            values = _parse_values(row[3].split(), table, path, number, is_row=True)
             labels = [int(row[1]), *map(int, row[2].split())]
             if len(labels) != len(table.labels):
                 raise ResultError(f"invalid row: {line[:80]!r}", path, number)
@@ -468,10 +468,17 @@ def _read_tables(path: Path, clock: _Clock) -> Iterator[tuple[_Table | None, int
         yield table, table.line, table.closed
 
 
-def _parse_values(texts: Sequence[str], table: _Table, path: Path, number: int) -> list[float]:
+def _parse_values(
+    texts: Sequence[str], table: _Table, path: Path, number: int, *, is_row: bool = False
+) -> list[float]:
     """Values of a row or total, one for each column."""
     try:
-        values = [parse_fortran(text) for text in texts]
+        try:
+            # Texts of a row were matched: a number with or without an exponent of two digits.
+            values = list(map(float, texts if is_row else ()))
+        except ValueError:  # an exponent without its letter
+            values = []
+        values = values or [parse_fortran(text) for text in texts]
         if not table.digit_warning and not all(map(_FOUR_DIGITS.match, texts)):
             table.digit_warning = next(
                 f"line {number}: {text}" for text in texts if not _FOUR_DIGITS.match(text)

@@ -1,7 +1,7 @@
 """Compute a pad, of a finger or of any mesh: what a touch superposes.
 
 CalculiX solves the unit forces. Of a model of Abaqus or Marc `pad_decks` writes the decks of the
-forces, and `make_pad` reads the results that the user's solver wrote (`force_runs`).
+forces, and `make_pad` reads the results that the user's solver wrote (`force_results`).
 """
 
 from __future__ import annotations
@@ -173,12 +173,18 @@ def make_pad(
                 "writes; target='calculix' solves a .inp here",
                 argument="results",
             )
+        from fembridge.touching.force_results import read_pad
+
         forces = _plan(
             base, skin, afferents, skin_map, reach_mm, after_step, length_unit, force_n,
             forces_per_deck, step_per_force,
         )  # fmt: skip
+<<<<<<< HEAD
         return forces.pad([Path(file) for file in results])
     from decks.fingertip import Fingertip, is_fingertip, read_fingertip
+=======
+        return read_pad(forces, [Path(file) for file in results])
+>>>>>>> pads
     from decks.unit_loads import PLANE_ROWS, PadMesh, smooth
     from fembridge.touching.green import solve_pad
 
@@ -344,6 +350,7 @@ def _pad_of_folder(
     reach_mm: float | None,
     results: Sequence[str | os.PathLike[str]] | None,
 ) -> Pad:
+    from fembridge.touching.force_results import read_pad
     from fembridge.touching.force_runs import read_forces
 
     for argument, default in {**_OF_A_MESH, "reach_mm": None}.items():
@@ -352,7 +359,7 @@ def _pad_of_folder(
             problem = "is in pad.toml of the folder of pad_decks"
             raise UsageError(problem, argument=argument, found=value)
     files = None if results is None else [Path(file) for file in results]
-    return read_forces(folder).pad(files)
+    return read_pad(read_forces(folder), files)
 
 
 def _skin_map(skin_map: SkinMap | None, reach_mm: float | None) -> SkinMap:

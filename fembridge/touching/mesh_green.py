@@ -348,7 +348,7 @@ def solve_mesh_pad(
         flat = flat_deck(read_inp(deck_bytes, abaqus=True, resolver=resolver))
         for remark in flat.remarks:
             _LOGGER.info(remark)
-        deck, skin_name = read_inp(flat.data, abaqus=True), flat.name(skin_name)
+        deck, skin_name = flat.read(), flat.name(skin_name)
         afferents = {
             name: replace(request, set_name=flat.name(request.set_name))
             for name, request in afferents.items()

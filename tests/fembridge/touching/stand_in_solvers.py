@@ -14,6 +14,7 @@ import numpy as np
 import fembridge as fb
 from decks.inp import read_inp
 from decks.perturbation import linear_state, stiffness_deck
+from decks.shape_functions import BEST_POINTS
 from decks.solid_model import read_solid_model
 from fembridge.host.machine import find_ccx
 from fembridge.touching import mesh_green
@@ -23,7 +24,7 @@ _G = 3**-0.5
 POINTS = {
     "hex8": np.array(list(product((-_G, _G), repeat=3)))[:, ::-1],
     "tet4": np.full((1, 3), 0.25),
-    "tet10": mesh_green.BEST_POINTS["tet10"],
+    "tet10": BEST_POINTS["tet10"],
 }
 
 
@@ -81,12 +82,43 @@ def linear_responses(folder, text, plan, monkeypatch):
     free = linear.unknown >= 0
     moved[:, free] = solved[linear.unknown[free]].T
     (block,) = model.elements
+    at = POINTS if not block.name.endswith("R") else BEST_POINTS
     with monkeypatch.context() as patch:
-        patch.setattr(mesh_green, "BEST_POINTS", POINTS)
+        patch.setattr(mesh_green, "BEST_POINTS", at)
         _, stress_rows = linear.stress_rows(block.number, np.eye(3))
-    points, elements = len(POINTS[block.kind]), len(block.number)
+    points, elements = len(at[block.kind]), len(block.number)
     stress = (stress_rows @ solved).T.reshape(len(forces), points, elements, 6)
     return Responses(plan, moved, stress.transpose(0, 2, 1, 3), linear.moved)
+
+
+def made_up_responses(plan, seed=0):
+    """Reciprocal displacements, and stress that is a polynomial: no solid, but files of one.
+
+    The polynomial holds for the mean over the points of an element; ``polynomial(positions)`` is
+    ``(K, P, 6)``.
+    """
+    rng = np.random.default_rng(seed)
+    forces = np.concatenate(plan.decks)
+    forces = forces[forces[:, 2] > 0]
+    model = plan.model
+    freedom = 3 * model.rows_of(forces[:, 0]) + forces[:, 1] - 1
+    root = rng.normal(size=(3 * model.node.size, 3 * model.node.size))
+    moved = (root @ root.T)[freedom].reshape(len(forces), -1, 3)
+    (block,) = model.elements
+    count = 1 if block.name.endswith("R") else len(POINTS[block.kind])
+    factors = rng.normal(size=(len(forces), 10, 6))
+
+    def polynomial(position):
+        x, y, z = position.T
+        terms = np.stack([x**0, x, y, z, x * x, y * y, z * z, x * y, y * z, z * x], -1)
+        return np.einsum("pt,ktc->kpc", terms, factors)
+
+    middles = model.position[block.rows].mean(axis=1)
+    apart = rng.normal(size=(len(forces), len(block.number), count, 6))
+    apart -= apart.mean(axis=2, keepdims=True)
+    responses = Responses(plan, moved, polynomial(middles)[:, :, None] + apart)
+    responses.polynomial = polynomial
+    return responses
 
 
 # ---- Abaqus: printed tables of four digits
@@ -138,7 +170,10 @@ def dat_text(responses, numbers, *, after_step=0, steps=False):
         rows = [((n,), u) for n, u in zip(nodes.tolist(), responses.state.tolist(), strict=True)]
         parts += [_head(after_step, 1.0), _table(node_set.format("STATE"), "NODE ", columns, rows)]
     parts.append(_head(after_step + 1, 2.22e-16))
-    where = f"AT THE INTEGRATION POINTS FOR ELEMENT TYPE {block.name} AND ELEMENT\n     SET FEMBRIDGE_LAYER"
+    where = (
+        f"AT THE INTEGRATION POINTS FOR ELEMENT TYPE {block.name} AND ELEMENT\n"
+        "     SET FEMBRIDGE_LAYER"
+    )
     chosen = np.flatnonzero(np.isin(block.number, plan.elements))
     for count, number in enumerate(numbers):
         if steps and count:
@@ -171,53 +206,50 @@ def marc_block(text, preload_n=0.0):
     def integers(*values):
         return "".join(f"{value:10d}" for value in values)
 
-    lines = ["title               block", "extended", "sizing" + " " * 24 + integers(0, len(block.number), len(model.node), 0),
-             "elements                     7", "version                     15         2         0         0",
-             "table                        0         0         2         1         1         0         0         1",
-             "large stra                   2         0", "all points", "end",
-             "connectivity", integers(0, 0, 1, 0, 1, 1, 0, 0, 0)]  # fmt: skip
-    corners = model.node[block.rows]
-    lines += [integers(n, 7, *row) for n, row in zip(block.number, corners, strict=True)]
-    lines += ["coordinates", integers(3, len(model.node), 0, 1)]
-    lines += [
-        integers(n) + reals(*at) for n, at in zip(model.node, model.position.tolist(), strict=True)
-    ]
-    sets = {
-        **{n: ("node", m) for n, m in model.node_sets.items()},
-        "RUBBER": ("element", block.number),
-    }
-    for name, (kind, members) in sets.items():
-        lines.append(f"{'define':<20}{kind:<20}{'set':<20}{name}")
-        rows = [members[k : k + 13] for k in range(0, len(members), 13)]
+    def members(numbers):
+        rows = [numbers[k : k + 13] for k in range(0, len(numbers), 13)]
         for number, row in enumerate(rows):
             goes_on = "   c" if number < len(rows) - 1 else ""
-            lines.append("".join(f"{member:12d}" for member in row) + goes_on)
-    lines += ["isotropic           structural", integers(0, 0, 0, 2),
-              f"{1:10d}{'elastic':<20}{'':<20}{integers(10, 0, 0, 0)}soft",
-              reals(0.2, 0.45, 1, 0, 0, 0, 0, 0), integers(*[0] * 8), reals(0), integers(0), ""]  # fmt: skip
-    lines += ["table               ramp", integers(1, 1, 0, 0, 2), integers(1, 2, 2, *(0, 0, 2) * 3, *[0] * 4),
-              reals(0, 0), reals(1, 1)]  # fmt: skip
-    lines += ["fixed disp", "", integers(1, 0, 0, 0, 1, 0) + "held", reals(0, 0, 0), integers(0, 0, 0),
-              integers(1, 2, 3), integers(2), "BOTTOM"]  # fmt: skip
-    lines += ["point load", "", integers(1, 0, 0, 0, 0, 0) + "pull", reals(preload_n, 0, preload_n),
-              integers(1, 0, 1), integers(2), "CORNERS"]  # fmt: skip
-    lines += ["loadcase            job1", integers(1), "held", "no print"]
-    lines += [
-        "post",
-        integers(1, 16, 17, 0, 0, 19, 20, 0, 1, *[0] * 7),
-        integers(17, 0),
-        "end option",
+            yield "".join(f"{member:12d}" for member in row) + goes_on
+
+    corners = model.node[block.rows]
+    sets = [(name, "node", numbers) for name, numbers in model.node_sets.items()]
+    sets.append(("RUBBER", "element", block.number))
+    lines = [
+        *("title               block", "extended"),
+        "sizing".ljust(30) + integers(0, len(block.number), len(model.node), 0),
+        *("elements                     7", "version".ljust(20) + integers(15, 2, 0, 0)),
+        "table".ljust(20) + integers(0, 0, 2, 1, 1, 0, 0, 1),
+        *("large stra                   2         0", "all points", "end"),
+        *("connectivity", integers(0, 0, 1, 0, 1, 1, 0, 0, 0)),
+        *(integers(n, 7, *row) for n, row in zip(block.number, corners, strict=True)),
+        *("coordinates", integers(3, len(model.node), 0, 1)),
+        *(
+            integers(n) + reals(*at)
+            for n, at in zip(model.node, model.position.tolist(), strict=True)
+        ),
     ]
+    for name, kind, numbers in sets:
+        lines += [f"{'define':<20}{kind:<20}{'set':<20}{name}", *members(numbers)]
     lines += [
-        "title               pulled",
-        "loadcase            pulled",
-        integers(2),
-        "held",
-        "pull",
+        *("isotropic           structural", integers(0, 0, 0, 2)),
+        f"{1:10d}{'elastic':<20}{'':<20}{integers(10, 0, 0, 0)}soft",
+        *(reals(0.2, 0.45, 1, 0, 0, 0, 0, 0), integers(*[0] * 8), reals(0), integers(0), ""),
+        *("table               ramp", integers(1, 1, 0, 0, 2)),
+        integers(1, 2, 2, *(0, 0, 2) * 3, *[0] * 4),
+        *(reals(0, 0), reals(1, 1)),
+        *("fixed disp", "", integers(1, 0, 0, 0, 1, 0) + "held", reals(0, 0, 0)),
+        *(integers(0, 0, 0), integers(1, 2, 3), integers(2), "BOTTOM"),
+        *("point load", "", integers(1, 0, 0, 0, 0, 0) + "pull"),
+        *(reals(preload_n, 0, preload_n), integers(1, 0, 1), integers(2), "CORNERS"),
+        *("loadcase            job1", integers(1), "held", "no print"),
+        *("post", integers(1, 16, 17, 0, 0, 19, 20, 0, 1, *[0] * 7), integers(17, 0)),
+        *("end option", "title               pulled", "loadcase            pulled"),
+        *(integers(2), "held", "pull"),
+        *("control             structural", integers(50, 10, 0, 0, 0, 1, *[0] * 9)),
+        *(reals(0.1, 0, 0, 0, 0, 0, -1, 0), "auto load", integers(4, 0, 10, 0, 0)),
+        *("time step", reals(0.25), "continue"),
     ]
-    lines += ["control             structural", integers(50, 10, 0, 0, 0, 1, *[0] * 9),
-              reals(0.1, 0, 0, 0, 0, 0, -1, 0)]  # fmt: skip
-    lines += ["auto load", integers(4, 0, 10, 0, 0), "time step", reals(0.25), "continue"]
     return "\n".join(lines) + "\n"
 
 
