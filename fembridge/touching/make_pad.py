@@ -179,12 +179,8 @@ def make_pad(
             base, skin, afferents, skin_map, reach_mm, after_step, length_unit, force_n,
             forces_per_deck, step_per_force,
         )  # fmt: skip
-<<<<<<< HEAD
-        return forces.pad([Path(file) for file in results])
-    from decks.fingertip import Fingertip, is_fingertip, read_fingertip
-=======
         return read_pad(forces, [Path(file) for file in results])
->>>>>>> pads
+    from decks.fingertip import Fingertip, is_fingertip, read_fingertip
     from decks.unit_loads import PLANE_ROWS, PadMesh, smooth
     from fembridge.touching.green import solve_pad
 
