@@ -141,7 +141,10 @@ def test_a_touch_of_the_stored_fingertip_is_symmetric_and_has_its_outline_in_the
     sides = []
     for x_mm in (-1.5, 1.5):
         units = fb.Population.at(
-            ["SA", "RA", "PC"] * 2, [x_mm] * 3 + [-x_mm] * 3, [1.0] * 6, finger="fingertip"
+            ["SA", "RA", "PC"] * 2,
+            [x_mm] * 3 + [-x_mm] * 3,
+            [1.0] * 6,
+            finger=resolve_pad("fingertip"),
         )
         words = {"press_um": 300, "population": units, "pad": "fingertip", "at_mm": (x_mm, 1.0)}
         sides.append(fb.touch("sphere", **words))
