@@ -224,8 +224,8 @@ def _smallest_cut(
     """
     edges = graph[nodes][:, nodes]
     best, least = None, np.inf
-    for place in position[nodes].T:
-        lower, upper = _cut_along(edges, np.argsort(place, kind="stable"))
+    for coordinate in position[nodes].T:
+        lower, upper = _cut_along(edges, np.argsort(coordinate, kind="stable"))
         sizes = int(lower.sum()), int(upper.sum())
         between = nodes.size - sum(sizes)
         cost = between * (1 + _UNEQUAL * abs(sizes[0] - sizes[1]) / nodes.size)

@@ -1,7 +1,7 @@
 """The file of the pad of a mesh: an NPZ with its checksum, checked when it is opened.
 
-Numbers keep so many bits that they change by 1 in 64 (stress and drag) and 1 in 30 000 (skin under
-forces into it) at most, without bias; deflate packs the rest to 1.2 and 2.5 bytes a number. A pad
+Stress and drag are rounded by 1 in 64 at most, displacement into the skin by 1 in 30 000, both
+without bias; deflate packs the rest to 1.2 and 2.5 bytes a number. A pad
 that is its own mirror image about x = 0 is stored by half: forces on the nodes, and stress at the
 points, that come first of each pair.
 """
@@ -121,7 +121,7 @@ def write_mesh_pad(path: Path, pad: MeshPad) -> None:
 
 
 def _rounded(values: NDArray[Any], kept_bits: int) -> NDArray[Any]:
-    """Real numbers rounded to so many bits after the leading one; lower bits are 0."""
+    """Real numbers rounded to `kept_bits` after the leading one; lower bits are 0."""
     bits, kind = _ALL_BITS[values.dtype.name]
     dropped = bits - kept_bits
     patterns = np.ascontiguousarray(values).view(kind) + kind(1 << (dropped - 1))
@@ -174,23 +174,23 @@ def _pairs(position_mm: FloatArray) -> IntArray | None:
 def _whole_down(half: NDArray[Any], node: IntArray) -> NDArray[Any]:
     """Displacements ``(3, N, N)`` of those under forces on the first nodes ``(3, N, H)``."""
     first = _first_of_pairs(node)
-    whole = np.empty((3, node.size, node.size), dtype=half.dtype)
-    for table, image, sign in zip(whole, half, _FORCE_SIGNS.tolist(), strict=True):
+    all_down = np.empty((3, node.size, node.size), dtype=half.dtype)
+    for table, image, sign in zip(all_down, half, _FORCE_SIGNS.tolist(), strict=True):
         table[:, node[first]] = sign * image[node]
         table[:, first] = image
-    return whole
+    return all_down
 
 
 def _whole_stress(half: NDArray[Any], node: IntArray, point: IntArray) -> NDArray[Any]:
     """Stress ``(3, 6, P, N)`` of that at the first points ``(3, 6, Q, N)``."""
     first = _first_of_pairs(point)
-    whole = np.empty((3, 6, point.size, node.size), dtype=half.dtype)
+    all_stress = np.empty((3, 6, point.size, node.size), dtype=half.dtype)
     for force, component in np.ndindex(3, 6):
         sign = half.dtype.type(_FORCE_SIGNS[force] * _STRESS_SIGNS[component])
-        table, image = whole[force, component], half[force, component]
+        table, image = all_stress[force, component], half[force, component]
         table[point[first]] = sign * image[:, node]
         table[first] = image
-    return whole
+    return all_stress
 
 
 def read_mesh_pad(path: Path) -> MeshPad:
