@@ -196,8 +196,11 @@ class _Flattener:
             for kind in used:
                 used[kind] |= {value + self._offset[name] for value in sets[kind]}
         self._names = {name: set(_defined(s.blocks)) for name, s in self._instances.items()}
-        taken = [*_defined(outside.blocks), *(n for names in self._names.values() for n in names)]
-        self._single = {name for name in taken if taken.count(name) == 1}
+        all_names = [
+            *_defined(outside.blocks),
+            *(n for names in self._names.values() for n in names),
+        ]
+        self._single = {name for name in all_names if all_names.count(name) == 1}
         self.full_names = {
             f"{instance}.{name}": self._flat_name(instance, name)
             for instance, names in self._names.items()
@@ -251,20 +254,20 @@ class _Flattener:
             raise block.error(f"*ORIENTATION of the part of {instance}, which is moved")
         if keyword in _WITHOUT_NUMBERS or keyword.endswith("SECTION") or keyword == "ORIENTATION":
             data = b"".join(piece.text.data[piece.start : piece.stop] for piece in block.pieces)
-            return self._head(block, instance) + _ended(data)
+            return self._head(block, instance) + _with_line_end(data)
         raise block.error(f"{block.title} in a part is not read; write a flat input file")
 
     def _head(self, block: Block, instance: str) -> bytes:
         """The keyword line with flat names."""
-        words = [block.title]
+        head = [block.title]
         for option in block.options:
             if option.name in _DROPPED_OPTIONS:
                 continue
             text = block.text.data[option.start : option.stop].decode("latin-1").strip()
             if option.name in _NAMES:
                 text = f"{option.name}={self._flat_name(instance, option.normalized)}"
-            words.append(text)
-        return (", ".join(words) + "\n").encode("latin-1")
+            head.append(text)
+        return (", ".join(head) + "\n").encode("latin-1")
 
     def _nodes(self, block: Block, instance: str, placement: Placement) -> bytes:
         rows = list(block.rows())
@@ -307,10 +310,10 @@ class _Flattener:
         text = block_text(block)
         if not self._mentions_instance(text):
             return text
-        words = [block.title]
+        head = [block.title]
         for option in block.options:
-            words.append(self._outer_option(block, option))
-        lines = [", ".join(words)]
+            head.append(self._outer_option(block, option))
+        lines = [", ".join(head)]
         for row in block.rows():
             lines.append(", ".join(self._outer_field(text) for text in row.fields))
         return ("\n".join(lines) + "\n").encode("latin-1")
@@ -352,5 +355,5 @@ def _defined(blocks: Iterable[Block]) -> set[str]:
     return names
 
 
-def _ended(data: bytes) -> bytes:
+def _with_line_end(data: bytes) -> bytes:
     return data + (b"" if not data or data.endswith(b"\n") else b"\n")

@@ -149,6 +149,7 @@ def abaqus_force_deck(
     elements: IntArray,
     around: IntArray,
     *,
+    coordinates: bool = False,
     step_per_force: bool = False,
 ) -> bytes:
     """Deck for Abaqus/Standard with unit forces about `state`, and printed tables of the results.
@@ -165,6 +166,8 @@ def abaqus_force_deck(
         Elements whose stress is printed at the integration points.
     around
         Nodes whose displacement is printed after the last step that is kept.
+    coordinates
+        Whether coordinates of the integration points are printed, which shows their order.
     step_per_force
         Whether each force has a perturbation step, instead of a load case of one step.
     """
@@ -178,7 +181,8 @@ def abaqus_force_deck(
         f"*EL PRINT, ELSET={LAYER_SET}, SUMMARY=NO, TOTALS=NO\nS\n"
     )
     lines = []
-    step = "*STEP, NAME={}, PERTURBATION\n*STATIC\n*OUTPUT, FIELD, FREQUENCY=0\n" + requests
+    quiet = "*STEP, NAME={}, PERTURBATION\n*STATIC\n*OUTPUT, FIELD, FREQUENCY=0\n"
+    step = quiet + requests
     for number, (node, axis) in enumerate(forces.tolist(), start=1):
         load = f"*CLOAD\n{node}, {axis}, 1.\n"
         name = f"FORCE_{number}"
@@ -188,6 +192,13 @@ def abaqus_force_deck(
             lines.append(f"*LOAD CASE, NAME={name}\n{load}*END LOAD CASE\n")
     if not step_per_force:
         lines = [step.format("FORCES"), *lines, "*END STEP\n"]
+    if coordinates:
+        node, axis = forces[0].tolist()
+        lines.insert(
+            0,
+            f"{quiet.format('POSITIONS')}*CLOAD\n{node}, {axis}, 1.\n"
+            f"*EL PRINT, ELSET={LAYER_SET}, SUMMARY=NO, TOTALS=NO\nCOORD\n*END STEP\n",
+        )
     return b"".join([*_abaqus_state_lines(state, "".join(sets)), "".join(lines).encode()])
 
 

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from decks.inp import Block, Deck, members, normalized_name
-from decks.shape_functions import CORNERS, EDGES, MIDDLE, shape_functions
+from decks.shape_functions import CORNERS, EDGES
 from decks.unit_system import LENGTH_UNITS, MM, UnitSystem, unit_system_in
 from fembridge.errors import DeckError
 from fembridge.typing import BoolArray, FloatArray, IntArray
@@ -132,24 +132,6 @@ class SolidModel:
     def element_count(self) -> int:
         """Number of solid elements."""
         return sum(block.number.size for block in self.elements)
-
-    def middles(self, position: FloatArray, elements: IntArray) -> tuple[IntArray, FloatArray]:
-        """Numbers of those of `elements` that are solids, and their middles.
-
-        Parameters
-        ----------
-        position
-            Positions of all nodes, ``(N, 3)``, in any unit.
-        elements
-            Numbers of elements.
-        """
-        numbers, places = [np.empty(0, dtype=np.int64)], [np.empty((0, 3))]
-        for block in self.elements:
-            selected = np.isin(block.number, elements)
-            share, _ = shape_functions(block.kind, MIDDLE[block.family])
-            numbers.append(block.number[selected])
-            places.append(np.einsum("k,eki->ei", share, position[block.rows[selected]]))
-        return np.concatenate(numbers), np.concatenate(places)
 
     def rows_of(self, nodes: IntArray) -> IntArray:
         """Rows of node numbers; those that no ``*NODE`` defines are left out."""

@@ -59,9 +59,11 @@ def marc_solid_model(deck: MarcDeck, length_unit: str | None = None) -> SolidMod
         blocks.append(ElementBlock(kind, str(block.kind), block.number, rows))
         by_material.setdefault(block.material, []).append(block.number)
     if not blocks:
-        found = ", ".join(sorted({str(block.kind) for block in deck.elements})) or "none"
+        types_text = ", ".join(sorted({str(block.kind) for block in deck.elements})) or "none"
         expected = ", ".join(map(str, sorted(KINDS)))
-        raise DeckError(f"element types {found}, expected solids: {expected}", found=found)
+        raise DeckError(
+            f"element types {types_text}, expected solids: {expected}", found=types_text
+        )
     materials = deck.materials()
     for material in materials:
         if material.elements:  # of decks up to input version 11
@@ -93,7 +95,7 @@ def held_freedoms(deck: MarcDeck, model: SolidModel, names: tuple[str, ...]) -> 
 
     Of a set of edges or faces all nodes of its elements are taken.
     """
-    held, sets = np.zeros((model.node.size, TRANSLATIONS), dtype=bool), deck.sets()
+    is_held, sets = np.zeros((model.node.size, TRANSLATIONS), dtype=bool), deck.sets()
     for condition in deck.conditions():
         if condition.family != FIXED_DISPLACEMENT or condition.name not in names:
             continue
@@ -114,8 +116,8 @@ def held_freedoms(deck: MarcDeck, model: SolidModel, names: tuple[str, ...]) -> 
         )
         for _, _, direction in condition.drives:
             if 1 <= direction <= TRANSLATIONS:
-                held[rows, direction - 1] = True
-    return held
+                is_held[rows, direction - 1] = True
+    return is_held
 
 
 def held_names(deck: MarcDeck, case: LoadCase | None) -> Iterator[str]:

@@ -12,7 +12,7 @@ from itertools import chain
 import numpy as np
 
 from decks.assembly import Scope, scopes_of
-from decks.inp import Block, Deck, Resolver, members, read_inp
+from decks.inp import Block, Deck, Resolver, members, normalized_name, read_inp
 from decks.own_model import Request
 from decks.own_model.inp_deck import units_of
 from decks.own_model.inp_drive import (
@@ -36,7 +36,7 @@ from decks.own_model.inspection import (
     part_row,
 )
 from fembridge.errors import DeckError
-from fembridge.typing import FloatArray
+from fembridge.typing import FloatArray, Table
 
 # Cards that define how a material deforms, the first that a solver goes by.
 _LAWS = (
@@ -59,6 +59,7 @@ _APPROXIMATED = {
     "HYSTERESIS": "ccx 2.20 leaves it out",
 }
 _LAST_FREE_DEGREE = 3
+_APART = 10**12  # between the numbers of two instances
 _MANY = 10_000_000
 
 
@@ -281,8 +282,16 @@ def _hyperelastic_shear(law: Block, numbers: Sequence[float]) -> float | None:
 
 
 def _add_sets(result: Inspection, scopes: Sequence[Scope]) -> None:
-    """Sets of nodes and elements, and how many members each has."""
-    for scope in scopes:
+    """Sets of nodes and elements, and how many members each has.
+
+    A set of the assembly may name sets of an instance.
+    """
+    assembly, *instances = scopes
+    names = ["", *(normalized_name(scope.instance) for scope in instances)]
+    of_instance: dict[tuple[str, str], dict[str, list[range]]] = {}
+    tables: list[list[Table]] = []
+    for scope in (*instances, assembly):
+        rows: list[Table] = []
         for kind, maker in (("NSET", "NODE"), ("ELSET", "ELEMENT")):
             runs: dict[str, list[range]] = {}
             lines: dict[str, int] = {}
@@ -290,8 +299,16 @@ def _add_sets(result: Inspection, scopes: Sequence[Scope]) -> None:
                 name = block.value_of(kind)
                 if block.keyword in (kind, maker) and name:
                     lines.setdefault(name, block.line)
-                    runs.setdefault(name, []).extend(list(_numbers(block, runs)))
-            result.sets += [
+                    instance = block.value_of("INSTANCE")
+                    source = of_instance.get((instance, kind), runs)
+                    # The same number of two instances is two members.
+                    apart = names.index(instance) * _APART if instance in names else 0
+                    runs.setdefault(name, []).extend(
+                        range(run.start + apart, run.stop + apart, run.step)
+                        for run in list(_numbers(block, source))
+                    )
+            of_instance[normalized_name(scope.instance), kind] = runs
+            rows += [
                 {
                     "set": name,
                     "instance": scope.instance,
@@ -301,6 +318,10 @@ def _add_sets(result: Inspection, scopes: Sequence[Scope]) -> None:
                 }
                 for name, line in lines.items()
             ]
+        tables.append(rows)
+    *of_instances, of_assembly = tables
+    for rows in (of_assembly, *of_instances):
+        result.sets += rows
 
 
 def _count(runs: Sequence[range]) -> int:

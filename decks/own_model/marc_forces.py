@@ -40,6 +40,7 @@ CASE_NAME = "fembridge_forces"
 _CAUCHY_STRESS, _STRESS, _DISPLACEMENT = 341, 311, 1
 _TOLERANCE = 1e-3
 _MAX_CUT_BACKS = 10
+_MAX_INCREMENTS = 99999
 _NEWER_VERSION = 14
 _NODAL_FIELD = 12
 _SIXTEEN_FROM = 15  # input version with 16 integers in the second line of a table, else 12
@@ -159,6 +160,9 @@ class _Writer:
             edits.append(_removed(option))
         end = deck.find("end option")[0].head
         edits.append(_before(end, [*self._conditions(), *self._post()]))
+        for option in deck.find("control"):
+            line = option.data[0]
+            edits.append(_replaced(line, [_with_most_increments(line)]))
         for body in deck.bodies():
             self._check_body(body)
         later = [
@@ -285,7 +289,7 @@ class _Writer:
         for option in self._deck.options:
             is_kept = number and option.case == number and option.keyword not in _OWN_OF_A_CASE
             if is_kept and option.keyword:
-                yield from _with_tolerance(option, count)
+                yield from _with_tolerance(option)
         increments = [count, 0, _MAX_CUT_BACKS]
         increments += [0, 0] * ((self._deck.version or 0) >= _NEWER_VERSION)
         yield from [FIXED, integers_line(increments, layout)]
@@ -298,14 +302,21 @@ class _Driven:
     tables: set[int]
 
 
-def _with_tolerance(option: MarcOption, increments: int) -> list[str]:
+def _with_most_increments(line: Line) -> str:
+    """The first line of ``control`` with as many increments as Mentat writes at most.
+
+    Whether it counts those of a load case or all is open.
+    """
+    return line.with_integer(0, _MAX_INCREMENTS) if line.first_integer() > 0 else line.text
+
+
+def _with_tolerance(option: MarcOption) -> list[str]:
     """Lines of an option; ``control`` allows all increments and a smaller residual."""
     lines = [line.text for line in option.lines]
     if option.keyword == "control" and len(option.data) > 1:
         first, second = option.data[:2]
         at = {line.number: row for row, line in enumerate(option.lines)}
-        if 0 < first.first_integer() < increments:
-            lines[at[first.number]] = first.with_integer(0, increments)
+        lines[at[first.number]] = _with_most_increments(first)
         reals = second.reals()
         if reals and reals[0] > _TOLERANCE:
             changed = [_TOLERANCE, *reals[1:]]
@@ -313,17 +324,17 @@ def _with_tolerance(option: MarcOption, increments: int) -> list[str]:
     return lines
 
 
-def linear_checks(count: int, wanted: int) -> list[int]:
+def linear_checks(count: int, most: int) -> list[int]:
     """Rows of forces, of `count`, that come again with the other sign, over all of them."""
-    return sorted({round(row) for row in np.linspace(0, count - 1, min(wanted, count)).tolist()})
+    return sorted({round(row) for row in np.linspace(0, count - 1, min(most, count)).tolist()})
 
 
-def _keyword(*words: str, layout: Layout) -> str:
-    *aligned, last = words
+def _keyword(*parts: str, layout: Layout) -> str:
+    *aligned, last = parts
     width = layout.real
     if not aligned:
         return last.ljust(width)
-    return "".join(word.ljust(width) for word in aligned) + last
+    return "".join(part.ljust(width) for part in aligned) + last
 
 
 def _set_name(node: int) -> str:

@@ -27,7 +27,7 @@ _MESH_OPTIONS = (
     "--skin --afferents --after-step --apex --outward --along --solver --length-unit --force-n "
     "--forces-per-deck --step-per-force"
 )
-_SOLVED_HERE = "--threads --time-limit-s --reach-mm --runs"
+_SOLVED_HERE = "--threads --time-limit --reach-mm --runs"
 
 USES = (
     Use(
@@ -237,8 +237,10 @@ def _write_decks(args: argparse.Namespace, words: dict[str, Any]) -> dict[str, A
     )
     for name, size in zip(forces.names, expected_bytes, strict=True):
         command = COMMANDS[forces.solver].format(name)
-        print(f"{command}  results of about {size / 1e6:.3g} MB")
+        print(f"{command}  results of about {size / 1e6:.0f} MB")
     print(f"run these in {output}, then: fembridge pad {output} -o pad.npz")
+    if forces.solver == "abaqus" and args.target is None:
+        print("the deck is one of Abaqus; --solver calculix solves it here")
     return {
         "decks": [output / f"{name}{forces.suffix}" for name in forces.names],
         "solver": forces.solver,

@@ -386,7 +386,7 @@ def _scene(
     after = np.clip(np.searchsorted(knots, position[samples]), 1, knots.size - 1)
     states = np.unique(np.concatenate([after - 1, after]))
     field, extent = _stress_field(touch, states)
-    top_kpa = max(float(np.percentile(field, 99.9)) * _KPA, 1e-3)
+    top_kpa = max(float(np.nanpercentile(field, 99.9)) * _KPA, 1e-3)
     stress = panels[1].imshow(
         field[0], extent=extent, origin="lower", cmap="magma", vmin=0, vmax=top_kpa,
         interpolation="bilinear", aspect="equal",
@@ -422,10 +422,17 @@ def _scene(
 def _stress_field(
     touch: "Touch", states: IntArray
 ) -> tuple[FloatArray, tuple[float, float, float, float]]:
-    """Stress ``(state, z, x)`` at SA's depth on a grid in some states, and the edges of that."""
+    """Stress ``(state, z, x)`` at SA's depth on a grid in some states, and the edges of that.
+
+    NaN beside the skin of which the pad has stress.
+    """
     half_width, half_length = _view_mm(touch)
     x_mm, z_mm = (np.arange(-half, half + _GRID_MM, _GRID_MM) for half in (half_width, half_length))
     field = touch.skin_stress_pa(states, x_mm, z_mm)
+    across_mm, along_mm = (axis.ravel() for axis in np.meshgrid(x_mm, z_mm))
+    nearest_mm = touch.contact.nodes.pad.clipped(across_mm, along_mm)
+    beside = np.hypot(nearest_mm[0] - across_mm, nearest_mm[1] - along_mm) > _GRID_MM
+    field[:, beside.reshape(field.shape[1:])] = np.nan
     margin = 0.5 * _GRID_MM
     edges = (x_mm[0] - margin, x_mm[-1] + margin, z_mm[0] - margin, z_mm[-1] + margin)
     return field, (float(edges[0]), float(edges[1]), float(edges[2]), float(edges[3]))

@@ -22,7 +22,7 @@ from decks.perturbation import LAYER_SET, SKIN_SET, STATE_SET
 from fembridge.errors import ResponseError, ResultError, UsageError, warn
 from fembridge.results.abaqus_dat import printed_tables
 from fembridge.results.byte_file import ByteFile
-from fembridge.results.extrapolation import ELEMENT_TYPES
+from fembridge.results.extrapolation import ELEMENT_TYPES, point_positions
 from fembridge.results.marc import STRESS_CODES, element_quantities
 from fembridge.results.marc_post import PostFile
 from fembridge.touching.force_runs import PadForces
@@ -80,7 +80,7 @@ def read_pad(forces: PadForces, results: Sequence[Path] | None = None) -> MeshPa
 class _Results:
     """Responses to 1 N: `moved` of the skin ``(n, 3, n, 3)`` in mm, by node, axis, node and axis.
 
-    `stress` ``(n, 3, E, 6)`` in Pa at the middles of the elements; `state` ``(N, 3)`` are the
+    `stress` ``(n, 3, S, 6)`` in Pa at the samples; `state` ``(N, 3)`` are the
     displacements of all nodes in mm before the forces.
     """
 
@@ -88,7 +88,7 @@ class _Results:
         self.plan, units = plan, plan.model.units
         count = plan.nodes.size
         self.moved = np.zeros((count, _AXES, count, _AXES), dtype=np.float32)
-        self.stress = np.zeros((count, _AXES, plan.elements.size, 6), dtype=np.float32)
+        self.stress = np.zeros((count, _AXES, plan.samples.size, 6), dtype=np.float32)
         self.state = np.zeros((plan.model.node.size, _AXES))
         per_n = 1.0 / (plan.force * units.force_n)
         self.mm_per_n, self.pa_per_n = units.length_mm * per_n, units.stress_pa * per_n
@@ -116,41 +116,69 @@ class _AbaqusResults(_Results):
 
     def read(self, path: Path, forces: IntArray) -> None:
         """Read a ``.dat``: the k-th table of a set is of the k-th force."""
-        plan, rows = self.plan, self.rows_of(forces)
+        plan, rows, samples = self.plan, self.rows_of(forces), self.plan.samples
         count: dict[str, int] = {}
         # Integration points of each element: the largest number that is printed for its type.
-        points: dict[str, int] = {}
-        printed: dict[str, BoolArray] = {}
+        points = np.ones(samples.elements.size, dtype=np.int64)
+        self._order = np.full((samples.elements.size, samples.count.max()), -1)
         for table in printed_tables(path):
             if table.set_name == STATE_SET:
                 at = self._rows(table.labels[:, 0], plan.model.node, path, table.line)
                 self.state[at] = table.values[:, :_AXES] * plan.model.units.length_mm
             if table.set_name not in (SKIN_SET, LAYER_SET):
                 continue
+            numbers = plan.nodes if table.set_name == SKIN_SET else plan.elements
+            at = self._rows(table.labels[:, 0], numbers, path, table.line)
+            if table.columns[0].startswith("COOR"):
+                self._read_order(at, table.labels[:, 1], table.values[:, :_AXES])
+                continue
             number = count[table.kind] = count.get(table.kind, 0) + 1
             if number > len(forces):
                 continue
             row, axis = rows[number - 1], forces[number - 1, 1] - 1
             if table.set_name == SKIN_SET:
-                at = self._rows(table.labels[:, 0], plan.nodes, path, table.line)
                 self.moved[row, axis, at] = table.values[:, :_AXES] * self.mm_per_n
             elif len(table.labels):
-                at = self._rows(table.labels[:, 0], plan.elements, path, table.line)
+                points[at] = np.maximum(points[at], table.labels[:, 1].max())
                 # xx, yy, zz, xy, xz, yz are printed.
-                np.add.at(self.stress[row, axis], at, table.values[:, [0, 1, 2, 3, 5, 4]])
-                largest = int(table.labels[:, 1].max())
-                points[table.kind] = max(points.get(table.kind, 1), largest)
-                printed.setdefault(table.kind, np.zeros(plan.elements.size, dtype=bool))[at] = True
+                values = table.values[:, [0, 1, 2, 3, 5, 4]]
+                self._add_stress(self.stress[row, axis], at, table.labels[:, 1], values)
         self._check_counts(count, len(forces), path)
-        factor = np.full(plan.elements.size, self.pa_per_n)
-        for kind, is_printed in printed.items():
-            factor[is_printed] /= points[kind]
-        self.stress[rows, forces[:, 1] - 1] *= factor[:, None]
+        # Of a sample that is no integration point all of them were added.
+        added = np.where((samples.count > 1) & (self._order >= 0).any(axis=1), 1, points)
+        factor = self.pa_per_n / added[samples.owner]
+        self.stress[rows, forces[:, 1] - 1] *= factor[:, None].astype(np.float32)
 
-    def _rows(self, labels: IntArray, known: IntArray, path: Path, line: int) -> IntArray:
-        at = np.minimum(np.searchsorted(known, labels), known.size - 1)
-        if (known[at] != labels).any():
-            label = labels[known[at] != labels][0]
+    def _read_order(self, element: IntArray, point: IntArray, position: FloatArray) -> None:
+        """Which sample each integration point is: the nearest of its element."""
+        samples, units = self.plan.samples, self.plan.model.units
+        state = self.plan.model.position * units.length_mm + self.state
+        sample_mm = samples.positions(state)
+        for row, number, at in zip(element.tolist(), point.tolist(), position, strict=True):
+            if 1 < samples.count[row] >= number:
+                first = samples.first[row]
+                of_element_mm = sample_mm[first : first + samples.count[row]]
+                away = np.linalg.norm(of_element_mm - at * units.length_mm, axis=1)
+                self._order[row, number - 1] = away.argmin()
+
+    def _add_stress(
+        self, stress: SingleArray, element: IntArray, point: IntArray, values: FloatArray
+    ) -> None:
+        """Add stress at integration points to its sample, or to all of its element."""
+        samples = self.plan.samples
+        within = np.minimum(point, self._order.shape[1]) - 1
+        order = self._order[element, within]
+        is_sample = (samples.count[element] > 1) & (order >= 0)
+        np.add.at(stress, samples.first[element[is_sample]] + order[is_sample], values[is_sample])
+        others = np.flatnonzero(~is_sample)
+        for number in range(samples.count[element[others]].max(initial=0)):
+            has = others[samples.count[element[others]] > number]
+            np.add.at(stress, samples.first[element[has]] + number, values[has])
+
+    def _rows(self, labels: IntArray, numbers: IntArray, path: Path, line: int) -> IntArray:
+        at = np.minimum(np.searchsorted(numbers, labels), numbers.size - 1)
+        if (numbers[at] != labels).any():
+            label = labels[numbers[at] != labels][0]
             raise ResultError(f"{label} is not in the deck of these forces", path, line)
         rows: IntArray = at
         return rows
@@ -193,13 +221,13 @@ class _MarcResults(_Results):
             mesh = post.mesh
             node_rows = _rows_in(mesh.node_ids, plan.model.node, "node", path)
             element_rows = _rows_in(mesh.element_ids, plan.elements, "element", path)
-            used = self._used_points(post, mesh.element_types[element_rows])
+            used = self._weights(post, mesh.element_types[element_rows])
             skin = np.searchsorted(plan.model.node, plan.nodes)
 
             def values(number: int) -> tuple[FloatArray, FloatArray]:
                 moved = post.nodal_values(number, "Displacement")[node_rows][:, :_AXES]
                 stress = post.element_values(number, element_rows)[..., columns]
-                return moved, np.einsum("kpc,kp->kc", stress, used)
+                return moved, np.einsum("spc,sp->sc", stress[plan.samples.owner], used)
 
             first, *of_forces, last = numbers
             start, start_stress = values(first)
@@ -211,8 +239,8 @@ class _MarcResults(_Results):
                 moved, stress = values(number)
                 change = (moved - start)[skin] * self.mm_per_n
                 if sign < 0:
-                    own = self.moved[row, axis]
-                    share = np.abs(own + change).max() / max(2 * np.abs(own).max(), 1e-300)
+                    forward = self.moved[row, axis]
+                    share = np.abs(forward + change).max() / max(2 * np.abs(forward).max(), 1e-300)
                     self._nonlinear = max(self._nonlinear, float(share))
                     continue
                 self.moved[row, axis] = change
@@ -264,24 +292,31 @@ class _MarcResults(_Results):
                 return list(quantities[code].columns)
         raise ResultError("no stress tensor (post code 311 or 341)", path)
 
-    def _used_points(self, post: PostFile, types: IntArray) -> FloatArray:
-        """Weights of the stored points of each element, for their mean."""
-        used = np.zeros((types.size, post.points))
-        for row, kind in enumerate(types.tolist()):
-            points = ELEMENT_TYPES[kind].points if kind in ELEMENT_TYPES else post.points
-            count = min(points, post.points)
-            used[row, :count] = 1.0 / count
-        return used
+    def _weights(self, post: PostFile, types: IntArray) -> FloatArray:
+        """Weights of the stored points of its element for each sample, ``(S, point)``."""
+        samples = self.plan.samples
+        weights = np.zeros((samples.size, post.points))
+        for sample, row in enumerate(samples.owner.tolist()):
+            kind = ELEMENT_TYPES.get(int(types[row]))
+            count = post.points if kind is None else min(kind.points, post.points)
+            if kind is None or count != samples.count[row]:
+                weights[sample, :count] = 1.0 / count
+                continue
+            local = point_positions(kind.family, count)
+            natural = local[:, 1:4] if kind.family == "tet" else local
+            away = np.linalg.norm(natural - samples.natural[sample], axis=1)
+            weights[sample, away.argmin()] = 1.0
+        return weights
 
 
-def _rows_in(available: IntArray, numbers: IntArray, what: str, path: Path) -> IntArray:
+def _rows_in(available: IntArray, numbers: IntArray, item: str, path: Path) -> IntArray:
     """Rows of `numbers` in a file."""
     order = np.argsort(available)
     at = np.minimum(np.searchsorted(available, numbers, sorter=order), available.size - 1)
     rows: IntArray = order[at]
     absent = available[rows] != numbers
     if absent.any():
-        raise ResultError(f"no {what} {numbers[absent][0]}: the file of another deck", path)
+        raise ResultError(f"no {item} {numbers[absent][0]}: the file of another deck", path)
     return rows
 
 
@@ -303,23 +338,25 @@ def _pad(plan: PadForces, results: _Results) -> MeshPad:
     free: BoolArray = np.isin(model.node[plan.skin.rows], plan.nodes)
     skin_map = replace(request.skin_map, reach_mm=None)
     skin = pad_skin(model, position_mm, free, plan.skin, skin_map)
-    points = stress_points(
-        model, position_mm, skin, site_requests(request.afferents),
-        lambda elements: model.middles(position_mm, np.intersect1d(elements, plan.elements))[::-1],
-    )  # fmt: skip
+    sample_mm = plan.samples.positions(position_mm)
+
+    def sampled(elements: IntArray) -> tuple[FloatArray, IntArray]:
+        samples = plan.samples.samples_of(elements)
+        return sample_mm[samples], samples
+
+    points = stress_points(model, position_mm, skin, site_requests(request.afferents), sampled)
     directions = _directions(skin)
     inward = -skin.normal @ skin.axes
     down_mm = np.einsum("jda,jaib,ib->jdi", directions, moved, inward, optimize=True)
     stress_pa = np.empty((plan.nodes.size, _AXES, len(points.depth_mm), 6), dtype=np.float32)
     at = 0
     turn = _turn_of_six(skin.axes)
-    for weights, numbers in points.samples:
-        columns = np.searchsorted(plan.elements, numbers)
+    for weights, columns in points.samples:
         stop = at + weights.shape[0]
         for node in range(plan.nodes.size):
             samples = results.stress[node][:, columns] @ turn.T  # (axis, M, 6)
-            own = np.einsum("da,amc->dmc", directions[node], samples)
-            stress_pa[node, :, at:stop] = [weights @ table for table in own]
+            turned = np.einsum("da,amc->dmc", directions[node], samples)
+            stress_pa[node, :, at:stop] = [weights @ table for table in turned]
         at = stop
     origin = {
         "solver": plan.solver.capitalize(),

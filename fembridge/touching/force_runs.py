@@ -12,6 +12,7 @@ are the displacement of these nodes and the stress of the elements around the af
 import logging
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -43,21 +44,23 @@ from fembridge.host.store import (
     write_toml,
 )
 from fembridge.results.extrapolation import ELEMENT_TYPES
-from fembridge.touching.mesh_places import pad_skin, stress_points
+from fembridge.touching.mesh_places import fit_size, pad_skin, stress_points
 from fembridge.touching.pad_request import SkinMap, site_requests
-from fembridge.typing import BoolArray, IntArray
+from fembridge.touching.stress_samples import StressSamples
+from fembridge.typing import BoolArray, FloatArray, IntArray
 
 _LOGGER = logging.getLogger(__name__)
 
 PAD_FILE = "pad.toml"
 _BASE, _FORCES = "base", "forces"
 _SUFFIXES = {"abaqus": ".inp", "marc": ".dat"}
-_RESULTS = {"abaqus": ".dat", "marc": ".t16"}
+_RESULTS = {"abaqus": (".dat",), "marc": (".t16", ".t19")}
 COMMANDS = {"abaqus": "abaqus job={}", "marc": "run_marc -jid {}"}
 """How a deck is run, by solver."""
 _AXES = 3
-# Elements around a point whose stress is asked for; the fit takes the nearest 32 of them.
-_SAMPLED_AROUND = 48
+# Samples around a point whose elements' stress is asked for, by those that a fit takes: after a
+# preload others may be nearest.
+_SAMPLED_AROUND = 1.5
 # Results of a deck are at most so large, else there are several decks.
 _LARGEST_RESULTS_BYTES = 1e9
 # Characters of a printed row of displacement and of stress; of the lines around a load case.
@@ -100,7 +103,7 @@ class ForceRequest:
         return SkinMap(self.apex, self.outward, self.along, self.reach_mm)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class PadForces:
     """Forces on the nodes of the skin, for Abaqus or Marc; `pad_decks` writes their decks.
 
@@ -151,6 +154,11 @@ class PadForces:
         """Number of unit forces."""
         return sum(int((deck[:, 2] > 0).sum()) for deck in self.decks)
 
+    @cached_property
+    def samples(self) -> StressSamples:
+        """Points of the elements at which stress is taken."""
+        return StressSamples(self.model, self.elements)
+
     @property
     def names(self) -> list[str]:
         """Names of the decks without suffix."""
@@ -180,6 +188,7 @@ class PadForces:
             self.nodes,
             self.elements,
             self._nodes_of_state(),
+            coordinates=bool((self.samples.count > 1).any()),
             step_per_force=self.request.step_per_force,
         )
 
@@ -205,8 +214,13 @@ class PadForces:
     @property
     def results(self) -> list[Path]:
         """Where the results of the decks are expected; none of forces without a folder."""
-        suffix = _RESULTS[self.solver]
-        return [self.folder / f"{name}{suffix}" for name in self.names] if self.folder else []
+        if self.folder is None:
+            return []
+        paths = []
+        for name in self.names:
+            expected, *others = (self.folder / f"{name}{end}" for end in _RESULTS[self.solver])
+            paths.append(next((path for path in (expected, *others) if path.is_file()), expected))
+        return paths
 
 
 # ---- The forces
@@ -238,7 +252,7 @@ def plan_forces(
         deck = read_marc_deck(data)
         state = marc_state(deck, request.after_step)
         model = marc_solid_model(deck, request.length_unit)
-        held = held_freedoms(deck, model, state.active)
+        is_held = held_freedoms(deck, model, state.active)
     else:
         resolver = None if base_deck is None else folder_resolver(base_deck)
         flat = _flat(data, resolver)
@@ -250,33 +264,38 @@ def plan_forces(
         state = linear_state(inp, request.after_step)
         for remark in state.remarks:
             _LOGGER.info(remark)
-        held = model.prescribed(state.boundaries)
+        is_held = model.prescribed(state.boundaries)
     skin = model.skin(request.skin)
-    free_axes: BoolArray = ~held[skin.rows]
+    free_axes: BoolArray = ~is_held[skin.rows]
     position_mm = model.position * model.units.length_mm
     free: BoolArray = np.asarray(free_axes.any(axis=1))
     touched = pad_skin(model, position_mm, free, skin, request.skin_map)
     _refuse_local_axes(state, model, touched.row)
-    points = stress_points(
-        model,
-        position_mm,
-        touched,
-        site_requests(request.afferents),
-        lambda elements: model.middles(position_mm, elements)[::-1],
-    )
-    elements = [
-        numbers[cKDTree(model.middles(position_mm, numbers)[1]).query(
-            points.position_mm, k=min(_SAMPLED_AROUND, numbers.size)
-        )[1]].ravel()
-        for _, numbers in points.samples
-    ]  # fmt: skip
-    _refuse_orientations(model, np.unique(np.concatenate(elements)))
+    everywhere = StressSamples(model, np.concatenate([block.number for block in model.elements]))
+    sample_mm = everywhere.positions(position_mm)
+
+    def sampled(elements: IntArray) -> tuple[FloatArray, IntArray]:
+        samples = everywhere.samples_of(elements)
+        return sample_mm[samples], samples
+
+    points = stress_points(model, position_mm, touched, site_requests(request.afferents), sampled)
+    around = []
+    for _, samples in points.samples:
+        count = round(
+            _SAMPLED_AROUND * fit_size(model, everywhere.elements[everywhere.owner[samples]])
+        )
+        nearest = cKDTree(sample_mm[samples]).query(points.position_mm, k=min(count, samples.size))[
+            1
+        ]
+        around.append(everywhere.elements[everywhere.owner[samples[nearest.ravel()]]])
+    elements = np.unique(np.concatenate(around))
+    _refuse_orientations(model, elements)
     of_skin = np.isin(skin.rows, touched.row)
     node, axis = np.nonzero(free_axes[of_skin])
     forces = np.stack([model.node[skin.rows[of_skin]][node], axis + 1, np.ones_like(node)], axis=1)
     plan = PadForces(
         request, data, model, state, skin, model.node[touched.row],
-        np.unique(np.concatenate(elements)), (forces,), folder,
+        elements, (forces,), folder,
     )  # fmt: skip
     return replace(plan, decks=tuple(_split(plan, forces)))
 

@@ -238,7 +238,8 @@ def pad_decks(
         Surface, or set of nodes, that may be touched; of Marc a set of nodes. ``INSTANCE.NAME``
         names one of an instance. Default: None, which is refused.
     afferents, skin_map, reach_mm
-        Where stress is computed, and the map of the skin, as in `make_pad`. Default: None.
+        Where stress is computed, and the map of the skin with its reach in mm, as in `make_pad`.
+        Default: None.
     after_step
         Step, or load case of Marc, after which the model is linearised. Default: 0, undeformed.
     target

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 _LOGGER = logging.getLogger(__name__)
 
-# Samples around a place whose stress counts; how far from one of them a place has stress, by
-# their distance.
-_FIT_SAMPLES, _FIT_DISTANCES = 32, 1.5
+# Samples around a place whose stress counts, of linear tetrahedra, in which stress is constant and
+# jumps more, and of others; how far from one of them a place has stress, by their distance.
+_FIT_OF_TETRAHEDRA, _FIT_SAMPLES, _FIT_DISTANCES = 64, 32, 1.5
 # Points of a layer lie below nodes of the skin that are at least so far apart, by the spacing.
 _POINT_DISTANCES = 0.9
 # Points are thinned for a file of this size; bytes of a stored number of stress, and of
@@ -283,7 +283,7 @@ def stress_points(
                 found=afferent,
             )
         place_mm, depth_mm = place_mm[inside], depth_mm[inside]
-        near, weight = fit_weights(tree, place_mm, _FIT_SAMPLES)
+        near, weight = fit_weights(tree, place_mm, fit_size(model, elements))
         row = np.repeat(np.arange(len(near)), near.shape[1])
         weights = csr_array((weight.ravel(), (row, near.ravel())), shape=(len(near), tree.n))
         samples.append((weights, sampled))
@@ -301,6 +301,14 @@ def stress_points(
         sites,
         tuple(samples),
     )
+
+
+def fit_size(model: SolidModel, elements: IntArray) -> int:
+    """Number of samples of a fit to the stress of `elements`."""
+    for block in model.elements:
+        if block.kind == "tet4" and np.isin(block.number, elements).any():
+            return _FIT_OF_TETRAHEDRA
+    return _FIT_SAMPLES
 
 
 def _places(

@@ -300,11 +300,12 @@ def test_instances_in_which_a_node_is_ambiguous_or_absent_are_refused(old, new, 
     refused(PARTS.replace(old, new) + ITS_STEP, begin, afferents={"SA": 3})
 
 
-def test_a_turned_instance_is_refused_for_its_nodes():
+def test_a_node_of_a_turned_instance_is_where_the_assembly_has_it():
+    """(1, 1) of the part, shifted to (6, 1), and 90 degrees about the origin."""
     turned = "5., 0.\n0., 0., 0., 0., 0., 1., 90.\n"
     deck = PARTS.replace(LEFT, "").replace("5., 0.\n", turned) + ITS_STEP
-    refused(deck, "line 13: .*RIGHT", afferents={"SA": 3})
-    rebase(deck)
+    site = rebase(deck, afferents={"SA": 3}).sites["SA"]
+    assert site.position_mm == pytest.approx((-1.0, 6.0))
 
 
 @pytest.mark.parametrize(

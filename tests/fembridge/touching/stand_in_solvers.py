@@ -14,7 +14,7 @@ import numpy as np
 import fembridge as fb
 from decks.inp import read_inp
 from decks.perturbation import linear_state, stiffness_deck
-from decks.shape_functions import BEST_POINTS
+from decks.shape_functions import BEST_POINTS, shape_functions
 from decks.solid_model import read_solid_model
 from fembridge.host.machine import find_ccx
 from fembridge.touching import mesh_green
@@ -26,6 +26,13 @@ POINTS = {
     "tet4": np.full((1, 3), 0.25),
     "tet10": BEST_POINTS["tet10"],
 }
+
+
+# Order in which Abaqus may print points, and in which Marc stores them (next to corner 1, 2, ...),
+# by rows of `POINTS`.
+PRINTED_ORDER = {"hex8": range(8), "tet4": [0], "tet10": [2, 0, 3, 1]}
+MARC_ORDER = {"hex8": range(8), "tet10": [3, 0, 1, 2]}
+MARC_TYPES = {"hex8": 7, "tet10": 127}
 
 
 class Responses:
@@ -94,8 +101,8 @@ def linear_responses(folder, text, plan, monkeypatch):
 def made_up_responses(plan, seed=0):
     """Reciprocal displacements, and stress that is a polynomial: no solid, but files of one.
 
-    The polynomial holds for the mean over the points of an element; ``polynomial(positions)`` is
-    ``(K, P, 6)``.
+    The polynomial holds at each point of C3D10, else for the mean over the points of an element;
+    ``polynomial(positions)`` is ``(K, P, 6)``.
     """
     rng = np.random.default_rng(seed)
     forces = np.concatenate(plan.decks)
@@ -116,6 +123,11 @@ def made_up_responses(plan, seed=0):
     middles = model.position[block.rows].mean(axis=1)
     apart = rng.normal(size=(len(forces), len(block.number), count, 6))
     apart -= apart.mean(axis=2, keepdims=True)
+    if block.kind == "tet10":
+        share = np.stack([shape_functions("tet10", point)[0] for point in POINTS["tet10"]])
+        places = np.einsum("pk,eki->epi", share, model.position[block.rows])
+        at_points = polynomial(places.reshape(-1, 3)).reshape(apart.shape)
+        apart = at_points - polynomial(middles)[:, :, None]
     responses = Responses(plan, moved, polynomial(middles)[:, :, None] + apart)
     responses.polynomial = polynomial
     return responses
@@ -169,16 +181,29 @@ def dat_text(responses, numbers, *, after_step=0, steps=False):
     if after_step:
         rows = [((n,), u) for n, u in zip(nodes.tolist(), responses.state.tolist(), strict=True)]
         parts += [_head(after_step, 1.0), _table(node_set.format("STATE"), "NODE ", columns, rows)]
-    parts.append(_head(after_step + 1, 2.22e-16))
+    first = after_step + 1
+    parts.append(_head(first, 2.22e-16))
     where = (
         f"AT THE INTEGRATION POINTS FOR ELEMENT TYPE {block.name} AND ELEMENT\n"
         "     SET FEMBRIDGE_LAYER"
     )
     chosen = np.flatnonzero(np.isin(block.number, plan.elements))
+    order = list(PRINTED_ORDER[block.kind])[: responses.stress.shape[2]]
+    if (plan.samples.count > 1).any():
+        position = model.position + responses.state
+        rows = []
+        for row in chosen:
+            for point, place in enumerate(POINTS[block.kind][order]):
+                share, _ = shape_functions(block.kind, place)
+                at = share @ position[block.rows[row]]
+                rows.append(((int(block.number[row]), point + 1), at))
+        parts.append(_table(where, "ELEMENT  PT ", ["COOR1", "COOR2", "COOR3"], rows))
+        first += 1
+        parts.append(_head(first, 2.22e-16))
     for count, number in enumerate(numbers):
         if steps and count:
-            parts.append(_head(after_step + 1 + count, 2.22e-16))
-        stress = responses.stress[number][..., [0, 1, 2, 3, 5, 4]]
+            parts.append(_head(first + count, 2.22e-16))
+        stress = responses.stress[number][:, order][..., [0, 1, 2, 3, 5, 4]]
         rows = [
             ((int(block.number[row]), point + 1), stress[row, point])
             for row in chosen
@@ -212,25 +237,25 @@ def marc_block(text, preload_n=0.0):
             goes_on = "   c" if number < len(rows) - 1 else ""
             yield "".join(f"{member:12d}" for member in row) + goes_on
 
-    corners = model.node[block.rows]
+    corners, kind = model.node[block.rows], MARC_TYPES[block.kind]
     sets = [(name, "node", numbers) for name, numbers in model.node_sets.items()]
     sets.append(("RUBBER", "element", block.number))
     lines = [
         *("title               block", "extended"),
         "sizing".ljust(30) + integers(0, len(block.number), len(model.node), 0),
-        *("elements                     7", "version".ljust(20) + integers(15, 2, 0, 0)),
+        *(f"elements            {kind:10d}", "version".ljust(20) + integers(15, 2, 0, 0)),
         "table".ljust(20) + integers(0, 0, 2, 1, 1, 0, 0, 1),
         *("large stra                   2         0", "all points", "end"),
         *("connectivity", integers(0, 0, 1, 0, 1, 1, 0, 0, 0)),
-        *(integers(n, 7, *row) for n, row in zip(block.number, corners, strict=True)),
+        *(integers(n, kind, *row) for n, row in zip(block.number, corners, strict=True)),
         *("coordinates", integers(3, len(model.node), 0, 1)),
         *(
             integers(n) + reals(*at)
             for n, at in zip(model.node, model.position.tolist(), strict=True)
         ),
     ]
-    for name, kind, numbers in sets:
-        lines += [f"{'define':<20}{kind:<20}{'set':<20}{name}", *members(numbers)]
+    for name, of, numbers in sets:
+        lines += [f"{'define':<20}{of:<20}{'set':<20}{name}", *members(numbers)]
     lines += [
         *("isotropic           structural", integers(0, 0, 0, 2)),
         f"{1:10d}{'elastic':<20}{'':<20}{integers(10, 0, 0, 0)}soft",
@@ -253,7 +278,7 @@ def marc_block(text, preload_n=0.0):
     return "\n".join(lines) + "\n"
 
 
-def post_file(responses, forces, *, force_n, start_s, squared=0.0, left=0.0):
+def post_file(responses, forces, *, force_n, start_s, squared=0.0, left=0.0, binary=True):
     """A ``.t16`` with increments at the times of a deck of `forces`.
 
     `squared` of a response grows with the square of the force; `left` stays after all forces.
@@ -267,7 +292,7 @@ def post_file(responses, forces, *, force_n, start_s, squared=0.0, left=0.0):
         node_ids=tuple(model.node.tolist()),
         coordinates=tuple(map(tuple, model.position.tolist())),
         elements=tuple(
-            (int(n), 7, tuple(model.node[row].tolist()), (1, 1, 1, 3, 1))
+            (int(n), MARC_TYPES[block.kind], tuple(model.node[row].tolist()), (1, 1, 1, 3, 1))
             for n, row in zip(block.number, block.rows, strict=True)
         ),
         points=responses.stress.shape[2],
@@ -275,7 +300,10 @@ def post_file(responses, forces, *, force_n, start_s, squared=0.0, left=0.0):
         dimensions=3,
     )
 
+    order = list(MARC_ORDER[block.kind])
+
     def increment(number, time_s, moved, stress):
+        stress = stress[:, order]
         nodal = (post_writer.Quantity("Displacement", 1, 3, moved),)
         return post_writer.Increment(number=number, time_s=time_s, element=stress, nodal=nodal)
 
@@ -294,4 +322,4 @@ def post_file(responses, forces, *, force_n, start_s, squared=0.0, left=0.0):
         increments.append(increment(0, start_s + 4.0 + number, moved, stress))
     last = responses.state + left * largest * force_n, responses.state_stress
     increments.append(increment(0, start_s + 4.0 + len(forces), *last))
-    return post_writer.post_bytes(post_writer.Storage(), mesh, increments)
+    return post_writer.post_bytes(post_writer.Storage(binary=binary), mesh, increments)

@@ -15,6 +15,7 @@ from fembridge.touching.mesh_pad import tangents
 from tests.fembridge.touching import stand_in_solvers as stand_in
 from tests.fembridge.touching.mesh_models import block_deck, block_of
 
+marc_text = stand_in.marc_block
 SMALL = block_deck(across=2, down=2)
 REQUEST = {"skin": "TOP", "afferents": "RUBBER:0.6"}
 PULLED = (
@@ -87,9 +88,18 @@ def test_increments_of_marc_make_the_pad_of_calculix(tmp_path):
     pad = fb.make_pad(base_deck=tmp_path / "pad")
     assert pad.origin["nonlinear"] < 1e-6 and pad.origin["drift"] == 0
     assert_same_pad(pad, expected, displacement=1e-6, stress=2e-3)
+    # A .t19 has six digits.
+    forces.results[0].unlink()
+    text_file = stand_in.post_file(
+        stand_in.calculix_responses(tmp_path / "again", text, forces), forces.decks[0],
+        force_n=1e-4, start_s=0.0, binary=False,
+    )  # fmt: skip
+    forces.results[0].with_suffix(".t19").write_bytes(text_file)
+    printed = fb.make_pad(base_deck=tmp_path / "pad")
+    assert_same_pad(printed, pad, displacement=1e-5, stress=2e-3)
     # The deck again instead of the folder.
     again = fb.make_pad(base_deck=deck, results=forces.results, forces_per_deck=30, **REQUEST)
-    assert np.array_equal(again.down_mm, pad.down_mm)
+    assert np.array_equal(again.down_mm, printed.down_mm)
 
 
 @pytest.mark.solver
@@ -133,26 +143,34 @@ def test_load_cases_of_marc_are_the_preload(tmp_path, monkeypatch):
 # ---- What is read, beside plain loops
 
 
-@pytest.mark.parametrize(("kind", "across"), [("C3D8", 3), ("C3D8R", 3), ("C3D4", 2), ("C3D10", 2)])
-def test_forces_along_axes_become_those_along_normals_and_tangents(tmp_path, kind, across):
-    """Plain loops; the stress of an element is the mean of its points, which the fit takes."""
-    deck = written(tmp_path, block_of(kind, across=across, down=across))
-    forces = fb.pad_decks(deck, tmp_path / "pad", target="abaqus", **REQUEST)
+@pytest.mark.parametrize(
+    ("solver", "kind", "across"),
+    [
+        *[("abaqus", "C3D8", 3), ("abaqus", "C3D8R", 3), ("abaqus", "C3D4", 2)],
+        *[("abaqus", "C3D10", 2), ("marc", "C3D8", 3), ("marc", "C3D10", 2)],
+    ],
+)
+def test_forces_along_axes_become_those_along_normals_and_tangents(tmp_path, solver, kind, across):
+    """Plain loops. A fit takes stress at the points of C3D10, else their mean in the middle.
+
+    The order of the points of C3D10 differs between the solvers.
+    """
+    text = block_of(kind, across=across, down=across)
+    name, text = ("mine.inp", text) if solver == "abaqus" else ("mine.dat", marc_text(text))
+    target = "abaqus" if solver == "abaqus" else None
+    forces = fb.pad_decks(written(tmp_path, text, name), tmp_path / "pad", target=target, **REQUEST)
     responses = stand_in.made_up_responses(forces)
-    brought(forces, responses)
+    assert (forces.samples.count == (4 if kind == "C3D10" else 1)).all()
+    brought(forces, responses, **({} if solver == "abaqus" else {"start_s": 0.0}))
     pad = fb.make_pad(base_deck=tmp_path / "pad")
     model, count = forces.model, forces.nodes.size
     skin = model.rows_of(forces.nodes)
-    axes = np.stack(
-        [
-            np.cross(pad.origin["outward"], pad.origin["along"]),
-            pad.origin["outward"],
-            pad.origin["along"],
-        ]
-    )
+    outward, forward = (np.array(pad.origin[name]) for name in ("outward", "along"))
+    axes = np.stack([np.cross(outward, forward), outward, forward])
     across, along = tangents(pad.normal)
     directions = np.stack([across, -pad.normal, along], axis=1) @ axes
-    rows = {(n, a): k for k, (n, a, _) in enumerate(np.concatenate(forces.decks).tolist())}
+    positive = [force for force in np.concatenate(forces.decks).tolist() if force[2] > 0]
+    rows = {(node, axis): row for row, (node, axis, _) in enumerate(positive)}
     places = pad.point_mm @ axes + np.array(pad.origin["apex_mm"])
     stress = responses.polynomial(places)
     rng = np.random.default_rng(1)
@@ -358,3 +376,20 @@ def test_the_command_writes_decks_and_reads_their_results(tmp_path, capsys, monk
     assert np.array_equal(first.down_mm, second.down_mm)
     assert main(["pad", "own", "--skin", "TOP"]) == 2
     assert main(["pad", "own", "--base-deck", "mine.inp", "--skin", "TOP"]) == 2
+
+
+def test_a_deck_in_inches_has_responses_to_newtons_in_millimetres(tmp_path):
+    """1 lbf is 4.448 N: displacement is 25.4 / 4.448, stress 6894.8 Pa / 4.448 of the numbers."""
+    deck = written(tmp_path, block_deck(across=2, down=2, size_mm=0.1, kind="C3D8R"))
+    pads = {}
+    for unit, depth_mm in (("mm", 0.12), ("in", 0.12 * 25.4)):
+        folder = tmp_path / unit
+        forces = fb.pad_decks(
+            deck, folder, target="abaqus", skin="TOP", afferents=f"RUBBER:{depth_mm}",
+            length_unit=unit,
+        )  # fmt: skip
+        brought(forces, stand_in.made_up_responses(forces))
+        pads[unit] = fb.make_pad(base_deck=folder)
+    assert_allclose(pads["in"].down_mm, pads["mm"].down_mm * (25.4 / 4.4482216152605), rtol=1e-5)
+    scales = [pads[unit].stress_scale_pa for unit in ("in", "mm")]
+    assert_allclose(scales[0], scales[1] * (6894.757293168361e-6 / 4.4482216152605), rtol=1e-3)

@@ -225,7 +225,7 @@ def ball_deck(order, size_mm, radius_mm=4.0):
 @pytest.mark.solver
 @pytest.mark.parametrize(("order", "size_mm"), [(1, 0.15), (2, 0.25)])
 def test_a_plate_on_a_ball_of_tetrahedra_is_the_contact_of_calculix(tmp_path, order, size_mm):
-    """Force within 3 %, von Mises stress at inner nodes within 5 % of the largest."""
+    """Force within 3 %, von Mises stress at inner nodes within an rms of 5 % of each."""
     text, node, element, top_mm = ball_deck(order, size_mm)
     pad = made(tmp_path, text, skin="SKIN", skin_map=fb.SkinMap(outward=(0, 0, 1), along=(0, 1, 0)))
     square, depth_mm = ((-4, -4), (4, -4), (4, 4), (-4, 4)), 0.15
@@ -255,8 +255,7 @@ def test_a_plate_on_a_ball_of_tetrahedra_is_the_contact_of_calculix(tmp_path, or
     theirs_pa = von_mises_pa(theirs.T[:, :, None], np.ones((1, 1)))[0]
     places = np.full(inner.size, "INNER"), *pad._stress_map_mm.T, pad.point_depth_mm
     ours_pa = von_mises_pa(pad.influence_pa(nodes, *places), forces)[0]
-    error = (ours_pa - theirs_pa) / theirs_pa.max()
-    assert np.sqrt(np.mean(error**2)) < 0.05
+    assert np.sqrt(np.mean((ours_pa / theirs_pa - 1) ** 2)) < 0.05
 
 
 @pytest.mark.slow
