@@ -385,8 +385,8 @@ def _scene(
     # The states on both sides of each frame.
     after = np.clip(np.searchsorted(knots, position[samples]), 1, knots.size - 1)
     states = np.unique(np.concatenate([after - 1, after]))
-    field, extent = _stress_field(touch, states)
-    top_kpa = max(float(np.nanpercentile(field, 99.9)) * _KPA, 1e-3)
+    field, extent, beside = _stress_field(touch, states)
+    top_kpa = max(float(np.percentile(field, 99.9)) * _KPA, 1e-3)
     stress = panels[1].imshow(
         field[0], extent=extent, origin="lower", cmap="magma", vmin=0, vmax=top_kpa,
         interpolation="bilinear", aspect="equal",
@@ -402,6 +402,7 @@ def _scene(
     frame_of = {int(sample): frame for frame, sample in enumerate(samples)}
     # Linear between states: enough for the eye.
     shown = make_interp_spline(knots[states], field, k=1)(position[samples]) * _KPA
+    shown[:, beside] = np.nan
 
     def show(sample: int) -> None:
         if pressure:
@@ -421,10 +422,10 @@ def _scene(
 
 def _stress_field(
     touch: "Touch", states: IntArray
-) -> tuple[FloatArray, tuple[float, float, float, float]]:
+) -> tuple[FloatArray, tuple[float, float, float, float], BoolArray]:
     """Stress ``(state, z, x)`` at SA's depth on a grid in some states, and the edges of that.
 
-    NaN beside the skin of which the pad has stress.
+    And the points of the grid ``(z, x)`` beside the skin of which the pad has stress.
     """
     half_width, half_length = _view_mm(touch)
     x_mm, z_mm = (np.arange(-half, half + _GRID_MM, _GRID_MM) for half in (half_width, half_length))
@@ -432,7 +433,8 @@ def _stress_field(
     across_mm, along_mm = (axis.ravel() for axis in np.meshgrid(x_mm, z_mm))
     nearest_mm = touch.contact.nodes.pad.clipped(across_mm, along_mm)
     beside = np.hypot(nearest_mm[0] - across_mm, nearest_mm[1] - along_mm) > _GRID_MM
-    field[:, beside.reshape(field.shape[1:])] = np.nan
+    beside = beside.reshape(field.shape[1:])
     margin = 0.5 * _GRID_MM
     edges = (x_mm[0] - margin, x_mm[-1] + margin, z_mm[0] - margin, z_mm[-1] + margin)
-    return field, (float(edges[0]), float(edges[1]), float(edges[2]), float(edges[3]))
+    extent = float(edges[0]), float(edges[1]), float(edges[2]), float(edges[3])
+    return field, extent, beside
