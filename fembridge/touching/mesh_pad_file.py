@@ -137,7 +137,8 @@ def _first_of_pairs(mirror: IntArray) -> IntArray:
 
 def _mirror_images(pad: MeshPad) -> tuple[IntArray, IntArray]:
     """Rows of the mirror images of nodes and points about x = 0; the rows themselves if unlike."""
-    node, point = (_pairs(at_mm) for at_mm in (pad.position_mm, pad.point_mm))
+    node = _pairs(pad.position_mm)
+    point = _pairs(np.column_stack([pad.point_mm, pad.point_layer]))  # layers may share a point
     if node is not None and point is not None:
         half, points = _first_of_pairs(node), _first_of_pairs(point)
         image = replace(
@@ -154,7 +155,6 @@ def _mirror_images(pad: MeshPad) -> tuple[IntArray, IntArray]:
                 np.abs(pad.stress_scale_pa[:, :, point] / pad.stress_scale_pa - 1).max(),
                 _MIRROR_STRESS_SHARE,
             ),
-            (np.count_nonzero(pad.point_layer[point] != pad.point_layer), 0),
         )
         if all(difference <= most for difference, most in alike):
             return node, point
@@ -162,10 +162,12 @@ def _mirror_images(pad: MeshPad) -> tuple[IntArray, IntArray]:
 
 
 def _pairs(position_mm: FloatArray) -> IntArray | None:
-    """Row of the mirror image of each position; None if one has none."""
+    """Row of the mirror image of each position, whose first column is x; None if one has none."""
     from scipy.spatial import cKDTree
 
-    away_mm, row = cKDTree(position_mm).query(position_mm * [-1.0, 1.0, 1.0])
+    mirrored_mm = position_mm.copy()
+    mirrored_mm[:, 0] *= -1
+    away_mm, row = cKDTree(position_mm).query(mirrored_mm)
     image: IntArray = np.asarray(row, dtype=np.int64)
     is_pair = away_mm.max() <= _MIRROR_MM and (image[image] == np.arange(image.size)).all()
     return image if is_pair else None

@@ -202,6 +202,24 @@ def test_a_pad_that_is_its_own_mirror_image_is_stored_by_half(tmp_path, turn_deg
     assert_allclose(again.stress.astype(float), stress.astype(float), rtol=2**-6, atol=1e-6)
 
 
+def test_two_layers_may_share_their_points_in_a_pad_that_is_its_own_mirror_image(tmp_path):
+    pad = half_space(nodes=5, depths_mm=(0.5,))
+    shared = replace(
+        pad,
+        point_mm=np.tile(pad.point_mm, (2, 1)),
+        point_layer=np.repeat([0, 1], 25),
+        point_depth_mm=np.full(50, 0.5),
+        layers=("RUBBER", "SAME"),
+        stress=np.concatenate([pad.stress, pad.stress], axis=2),
+        stress_scale_pa=np.tile(pad.stress_scale_pa, (1, 1, 2, 1)),
+    )
+    shared.write(tmp_path / "pad.npz")
+    with np.load(tmp_path / "pad.npz") as stored:
+        assert stored["stress"].shape == (3, 6, 2 * 15, 25)
+    again = fb.Pad.read(tmp_path / "pad.npz")
+    assert_allclose(again.stress.astype(float), shared.stress.astype(float), rtol=2**-6, atol=1e-6)
+
+
 def test_a_file_of_the_first_format_is_read(tmp_path):
     whole = half_space(nodes=9, turn_deg=20.0)
     path = tmp_path / "first.npz"
