@@ -8,6 +8,7 @@ and far above rounding differences between machines, so that all machines write 
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from decks.stimuli import (
     MAX_AMPLITUDE_UM,
     Entry,
     Noise,
+    Ramp,
     resolve,
 )
 from fembridge.errors import StimulusError
@@ -27,6 +29,7 @@ from fembridge.stimulus import Stimulus
 from fembridge.typing import FloatArray
 
 SAMPLES = round(DURATION_MS / DT_MS) + 1
+"""Samples of a stimulus of the paper, every 0.5 ms."""
 SAMPLING_HZ = 1000.0 / DT_MS
 
 BUTTERWORTH_ORDER = 4
@@ -39,7 +42,10 @@ MARGIN_SAMPLES = 4000
 
 
 def make_stimulus(
-    entry: Entry | str, preindent_um: float = 0.0, seed: int | None = None
+    entry: Entry | str,
+    preindent_um: float = 0.0,
+    seed: int | None = None,
+    dt_ms: float = DT_MS,
 ) -> Stimulus:
     """Displacement of the probe for `entry`.
 
@@ -53,12 +59,15 @@ def make_stimulus(
     seed
         Seed of noise, >= 0; by default the seed of the entry (CRC-32 of its id), so
         that the id determines the samples. Ignored by other families.
+    dt_ms
+        Time between two samples in ms: 0.5 (default) or a whole part of it. The samples every
+        0.5 ms are the same for every step.
 
     Returns
     -------
     Stimulus
-        Samples in um, positive into the skin, the first at time 0; 501 of them except for a
-        ramp. `origin` has the family, the numbers and, for noise, the seed.
+        Samples in um, positive into the skin, the first at time 0; 501 of them every 0.5 ms
+        except for a ramp. `origin` has the family, the numbers and, for noise, the seed.
 
     Raises
     ------
@@ -66,6 +75,10 @@ def make_stimulus(
         An id of no or several stimuli, a negative `preindent_um` or `seed`, or samples that all
         round to zero.
     """
+    finer = round(DT_MS / dt_ms) if 0 < dt_ms <= DT_MS else 0
+    if not finer or abs(finer * dt_ms - DT_MS) > 1e-9:
+        expected = f"{DT_MS:g} or a whole part of it"
+        raise StimulusError(argument="dt_ms", found=dt_ms, expected=expected)
     if isinstance(entry, str):
         entries = resolve(entry)
         if len(entries) > 1:
@@ -83,9 +96,10 @@ def make_stimulus(
         if noise_seed < 0:
             raise StimulusError(argument="seed", found=noise_seed, expected="0 or more")
         origin["seed"] = noise_seed
-        wave_um = band_noise(entry, np.random.default_rng(noise_seed))
+        wave_um = band_noise(entry, np.random.default_rng(noise_seed), finer)
     else:
-        wave_um = WAVES[entry.family](entry)
+        times_ms = np.arange(round(_duration_ms(entry) / DT_MS) * finer + 1) * (DT_MS / finer)
+        wave_um = WAVES[entry.family](entry, times_ms.astype(np.float64))
     wave_um = np.round(wave_um, DECIMALS)
     if not wave_um.any():
         raise StimulusError(
@@ -94,15 +108,17 @@ def make_stimulus(
     return Stimulus(
         id=entry.id,
         displacement_um=np.round(preindent_um + wave_um, DECIMALS),
-        dt_ms=DT_MS,
+        dt_ms=DT_MS / finer,
         window_ms=entry.window_ms,
         preindent_um=preindent_um,
         origin=origin,
     )
 
 
-def band_noise(entry: Noise, rng: np.random.Generator) -> FloatArray:
-    """Gaussian noise in the band of `entry`, ``(501,)`` in um, before rounding.
+def band_noise(entry: Noise, rng: np.random.Generator, finer: int = 1) -> FloatArray:
+    """Gaussian noise in the band of `entry`, ``(500 finer + 1,)`` in um, before rounding.
+
+    With `finer` above 1 there are so many samples per 0.5 ms, by zero padding of the spectrum.
 
     Notes
     -----
@@ -119,11 +135,12 @@ def band_noise(entry: Noise, rng: np.random.Generator) -> FloatArray:
     spectrum = np.fft.rfft(white_noise)
     frequency_hz = np.fft.rfftfreq(white_noise.size, DT_MS / 1000.0).astype(np.float64)
     spectrum *= _butterworth_power(frequency_hz, entry.low_hz, entry.high_hz)
-    filtered = np.fft.irfft(spectrum, white_noise.size)
-    phase = np.minimum(np.arange(SAMPLES) * DT_MS / TAPER_MS, 1.0)
+    filtered = np.fft.irfft(spectrum, white_noise.size * finer) * finer
+    first, samples = MARGIN_SAMPLES * finer, (SAMPLES - 1) * finer + 1
+    phase = np.minimum(np.arange(samples) * (DT_MS / finer) / TAPER_MS, 1.0)
     taper = 0.5 * (1.0 - np.cos(np.pi * phase))
-    wave: FloatArray = filtered[MARGIN_SAMPLES : MARGIN_SAMPLES + SAMPLES] * taper
-    wave *= entry.rms_um / math.sqrt(np.mean(wave**2))
+    wave: FloatArray = filtered[first : first + samples] * taper
+    wave *= entry.rms_um / math.sqrt(np.mean(wave[::finer] ** 2))
     return wave
 
 
@@ -143,21 +160,66 @@ def _butterworth_power(frequency_hz: FloatArray, low_hz: float, high_hz: float) 
     return gain
 
 
-def _sine(frequency_hz: float) -> FloatArray:
-    wave: FloatArray = np.sin(2.0 * np.pi * (frequency_hz * (np.arange(SAMPLES) * DT_MS) / 1000.0))
+def _duration_ms(entry: Entry) -> float:
+    return entry.window_ms[1] if isinstance(entry, Ramp) else DURATION_MS
+
+
+def at_step(stimulus: Stimulus, dt_ms: float) -> Stimulus:
+    """`stimulus` with a sample every `dt_ms`, or unchanged if its step is as fine.
+
+    Stimuli of the catalogue are computed anew; other waveforms are interpolated by a cubic spline.
+    The step must be a whole part of that of `stimulus`, otherwise it stays unchanged.
+    """
+    finer = round(stimulus.dt_ms / dt_ms)
+    if finer < 2 or abs(finer * dt_ms - stimulus.dt_ms) > 1e-9:
+        return stimulus
+    exact = _of_catalogue(stimulus, dt_ms) if stimulus.dt_ms == DT_MS else None
+    if exact is not None and np.array_equal(
+        exact.displacement_um[::finer], stimulus.displacement_um
+    ):
+        wave_um = exact.displacement_um
+    else:
+        wave_um = _interpolated(stimulus.displacement_um, finer)
+    aside_um = None if stimulus.aside_um is None else _interpolated(stimulus.aside_um, finer)
+    return replace(stimulus, displacement_um=wave_um, aside_um=aside_um, dt_ms=dt_ms)
+
+
+def _of_catalogue(stimulus: Stimulus, dt_ms: float) -> Stimulus | None:
+    """The stimulus of the catalogue with the id of `stimulus`, None if there is none."""
+    if stimulus.origin.get("family") not in (*WAVES, Noise.family):
+        return None
+    try:
+        entries = resolve(stimulus.id)
+    except StimulusError:
+        return None
+    seed: Any = stimulus.origin.get("seed")
+    return make_stimulus(entries[0], stimulus.preindent_um, seed, dt_ms)
+
+
+def _interpolated(samples: FloatArray, finer: int) -> FloatArray:
+    from scipy.interpolate import CubicSpline
+
+    count = len(samples)
+    fine: FloatArray = CubicSpline(np.arange(count), samples)(
+        np.arange((count - 1) * finer + 1) / finer
+    )
+    fine[::finer] = samples
+    return fine
+
+
+def _sine(frequency_hz: float, times_ms: FloatArray) -> FloatArray:
+    wave: FloatArray = np.sin(2.0 * np.pi * (frequency_hz * times_ms / 1000.0))
     return wave
 
 
-WAVES: dict[str, Callable[[Any], FloatArray]] = {
-    "sine": lambda sine: sine.amplitude_um * _sine(sine.frequency_hz),
-    "diharm": lambda pair: (
-        pair.amplitude1_um * _sine(pair.frequency1_hz)
-        + pair.amplitude2_um * _sine(pair.frequency2_hz)
+WAVES: dict[str, Callable[[Any, FloatArray], FloatArray]] = {
+    "sine": lambda sine, times_ms: sine.amplitude_um * _sine(sine.frequency_hz, times_ms),
+    "diharm": lambda pair, times_ms: (
+        pair.amplitude1_um * _sine(pair.frequency1_hz, times_ms)
+        + pair.amplitude2_um * _sine(pair.frequency2_hz, times_ms)
     ),
-    "ramp": lambda ramp: np.interp(
-        np.arange(round(ramp.window_ms[1] / DT_MS) + 1) * DT_MS,
-        ramp.corners_ms,
-        (0.0, ramp.depth_um, ramp.depth_um, 0.0),
+    "ramp": lambda ramp, times_ms: np.interp(
+        times_ms, ramp.corners_ms, (0.0, ramp.depth_um, ramp.depth_um, 0.0)
     ),
 }
-"""Samples in um of the deterministic families, ``(T,)`` from time 0."""
+"""Samples in um of the deterministic families at times in ms, ``(T,)``."""

@@ -19,12 +19,9 @@ from fembridge.errors import ParameterError, TraceError
 from fembridge.typing import FloatArray, IntArray
 from neural.filters import Past, checked_stress
 from neural.lif import Membrane, State, fire
-from neural.models import model_of
+from neural.models import SAMPLES_AROUND, model_of
 from neural.parameters import AfferentParameters, Parameters, quantiles
-
-# Solvers print times with six digits or more, so a step may be off by this share. At
-# 250 ms this is 0.025 ms, a twentieth of a sample.
-_STEP_TOLERANCE = 1.0e-4
+from neural.time_step import read_at_step, step_ratio
 
 # Numbers of membranes, of values of their currents and of rows that are computed at once. They
 # limit the memory for a trace of an hour, or for a hundred thousand membranes.
@@ -76,7 +73,8 @@ def encode(
         Stress at the afferent, ``(T,)`` or ``(T, condition)`` in Pa: von Mises
         stress, or the quantity that the model of the parameters reads.
     dt_ms
-        Time between two samples in ms; must be that of the parameters.
+        Time between two samples in ms: that of the parameters, or a multiple or divisor of it.
+        Parameters whose equation contains the time step take no coarser trace.
     parameters
         Parameters of one class with one cell, such as ``PUBLISHED["RA"]``. For several
         cells use `encode_cells`.
@@ -94,8 +92,8 @@ def encode(
     Raises
     ------
     ParameterError
-        Another time step than that of the parameters, an unknown scheme, or more than
-        one cell.
+        A time step that does not fit that of the parameters, an unknown scheme, or more
+        than one cell.
     TraceError
         Samples that are not a stress history.
 
@@ -153,9 +151,11 @@ def encode_afferents(
     if len({len(stress) for stress in checked.values()}) != 1:
         raise TraceError("stress of unequal lengths, expected one time axis")
     spikes: dict[str, list[list[FloatArray]]] = {name: [] for name in checked}
-    for batch in _batches(checked, parameters):
-        for name, cells in _encoded(batch, dt_ms, parameters, start_ms, derivative).items():
-            spikes[name] += cells
+    for step_ms in dict.fromkeys(parameters[name].dt_ms for name in checked):
+        of_step = {k: stress for k, stress in checked.items() if parameters[k].dt_ms == step_ms}
+        for batch in _batches(of_step, parameters):
+            for name, cells in _encoded(batch, dt_ms, parameters, start_ms, derivative).items():
+                spikes[name] += cells
     return spikes
 
 
@@ -183,11 +183,14 @@ def _encoded(
 ) -> dict[str, list[list[FloatArray]]]:
     """Spike times as in `encode_afferents`, computed part by part in time.
 
-    A filter also reads samples around a part; the state of a membrane continues in the next.
+    All classes have one time step. A filter also reads samples around a part; the state of a
+    membrane continues in the next.
     """
     class_parameters = {name: parameters[name] for name in stress}
-    for values in class_parameters.values():
-        check_step(values, dt_ms)
+    readers = {
+        name: read_at_step(partial(_rows_of, stress[name]), len(stress[name]), values, dt_ms)
+        for name, values in class_parameters.items()
+    }
     stress_factors = [
         np.exp(values.spread * quantiles(values.cells)) for values in class_parameters.values()
     ]
@@ -197,12 +200,11 @@ def _encoded(
     ]
     sizes = [math.prod(shape) for shape in shapes]
     membrane = Membrane.joined([_membrane(values) for values in class_parameters.values()], sizes)
-    samples = len(next(iter(stress.values())))
     step_ms = next(iter(class_parameters.values())).dt_ms
     step = max(_LEAST_ROWS, min(_ROWS, _NUMBERS // sum(sizes)))
     state = State.at_rest(sum(sizes))
     currents = [
-        _currents(partial(_rows_of, stress[name]), samples, values, derivative, factors, step)
+        _currents(*readers[name], values, derivative, factors, step)
         for (name, values), factors in zip(class_parameters.items(), stress_factors, strict=True)
     ]
     parts = []
@@ -266,7 +268,7 @@ def encode_units(
     afferent
         Class of each unit.
     dt_ms
-        Time between two samples in ms; must be that of the parameters.
+        Time between two samples in ms, as of `encode`.
     parameters
         Parameters of each class.
     deviate
@@ -313,7 +315,7 @@ def encode_units(
     parts: list[tuple[IntArray, IntArray, FloatArray]] = []
     for name in dict.fromkeys(afferent):
         values = parameters[name]
-        check_step(values, dt_ms)
+        step_ratio(values, dt_ms)
         model, stress_factors = model_of(values), np.exp(values.spread * deviates)
         if model.quantity != "von_mises":
             raise ParameterError(
@@ -329,8 +331,7 @@ def encode_units(
             state = State.at_rest(count)
             step = max(_LEAST_ROWS, min(_ROWS, _UNIT_NUMBERS // count))
             currents = _currents(
-                stress.reader(batch_units),
-                stress.samples,
+                *read_at_step(stress.reader(batch_units), stress.samples, values, dt_ms),
                 values,
                 derivative,
                 stress_factors[np.newaxis, batch_units],
@@ -373,30 +374,16 @@ def _currents(
     current of the last sample is omitted: it would act after the trace.
     """
     model = model_of(parameters)
-    samples_around = model.samples_around(parameters.dt_ms)
     pasts = [Past() for _ in model.filters]
     for first in range(0, samples - 1, step):
         last = min(first + step, samples - 1)
-        begin, end = max(0, first - samples_around), min(samples, last + 1 + samples_around)
+        begin, end = max(0, first - SAMPLES_AROUND), min(samples, last + 1 + SAMPLES_AROUND)
         for past in pasts:
             past.before, past.count = first - begin, last - first
         current = _membrane_currents(
             stress_at(begin, end), parameters, derivative, stress_factors, pasts
         )
         yield current[first - begin : last - begin].reshape(last - first, -1)
-
-
-def check_step(parameters: AfferentParameters, dt_ms: float) -> None:
-    """Raise ParameterError where `dt_ms` is not the time step of `parameters`."""
-    step_ms = parameters.dt_ms
-    if not abs(dt_ms - step_ms) <= _STEP_TOLERANCE * step_ms:
-        raise ParameterError(
-            f"is {dt_ms:g} ms, but the parameters of {parameters.afferent} require {step_ms:g} ms; "
-            "resample the trace",
-            argument="dt_ms",
-            found=dt_ms,
-            expected=f"{step_ms:g}",
-        )
 
 
 def _membrane_currents(

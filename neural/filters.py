@@ -21,10 +21,7 @@ After three still samples the rest is known, and the onset counts.
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from itertools import accumulate
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,35 +33,23 @@ from fembridge.typing import FloatArray
 # and M2 behind, (2) looks M3 ahead and M4 behind. At 0.5 ms that is 4.5 ms ahead.
 M1, M2, M3, M4 = 9, 9, 9, 8
 
-# Frequency of the largest gain of `corpuscle`. Recorded thresholds of Pacinian afferents fall
-# up to 205 Hz, the highest frequency of Freeman & Johnson (1982); the membrane, which sums each
-# swing, shifts the highest sensitivity to lower frequencies.
-CORPUSCLE_HZ = 300.0
+# Poles of `corpuscle`: three high passes and two low passes. Recorded thresholds of Pacinian
+# afferents fall up to 205 Hz, the highest frequency of Freeman & Johnson (1982).
+CORPUSCLE_HIGH_HZ, CORPUSCLE_LOW_HZ = 500.0, 135.0
+_HIGH_PASSES, _LOW_PASSES = 3, 2
 
-# Exponent of the compression, and weight of negative values: of the tested values the best on
-# thresholds, and among the best on a held-out frequency (decision 0041).
-CORPUSCLE_POWER = 0.6
-NEGATIVE_SHARE = 0.85
+# Exponent of the compression, and weight of negative values (decision 0056).
+CORPUSCLE_POWER = 0.5
+NEGATIVE_SHARE = 0.5
 
-# The step response of `corpuscle` is cut off where it has fallen to this value.
-_RESPONSE_CUTOFF = 1.0e-14
-
-# Time constant with which the response of SA to sustained stress fades: the slowly inactivating
-# current of Merkel cells has about 200 ms (Gerling et al. 2018, PLoS Comput. Biol. 14, e1006264).
-FADE_MS = 200.0
-
-# Share of a sustained stress that fades.
-FADING_SHARE = 0.5
+# Parts of a sustained stress to which the response of SA fades: share, and time constant in ms.
+# The slowly inactivating currents of Merkel cells have about 200 ms and seconds (Gerling et al.
+# 2018, PLoS Comput. Biol. 14, e1006264). Chosen by ramp-and-hold recordings (decision 0056).
+FADES = ((0.8, 100.0), (0.1, 3000.0))
 
 # Cutoff frequency of the response of SA to movement: of the tested values the best on a held-out
 # frequency (decision 0032). Without it SA would fire 200 impulses/s at a strong 400 Hz.
 SLOW_HZ = 100.0
-
-# Maximum length of the step response of `corpuscle` in samples.
-_MAX_RESPONSE_SAMPLES = 1 << 20
-
-# Up to this number of columns each is filtered separately, in blocks of this many samples.
-_MAX_COLUMNS_ONE_BY_ONE, _BLOCK = 20, 65_536
 
 # Numbers of samples before and after t that a derivative at t reads.
 _REACH = {"backward": (1, 0), "central": (1, 1), "forward": (0, 1)}
@@ -134,13 +119,23 @@ class Past:
     """State of a recursive filter between two parts of a trace.
 
     The filter reads a part with samples around it: the first `before` samples belong to the
-    previous part, the next `count` are the part. `value` is the output of the recursion at the
-    sample before the part; None at the start of the trace.
+    previous part, the next `count` are the part. `value` has input and output of the filter at the
+    sample before the part; None at the start of the trace. `stages` are the states of the stages
+    of a filter that has several.
     """
 
     before: int = 0
     count: int = 0
     value: FloatArray | None = None
+    stages: list["Past"] = field(default_factory=list)
+
+    def stage(self, number: int) -> "Past":
+        """State of stage `number` from 0, for the same part."""
+        if number == len(self.stages):
+            self.stages.append(Past())
+        stage = self.stages[number]
+        stage.before, stage.count = self.before, self.count
+        return stage
 
 
 def slow_rate(
@@ -148,116 +143,88 @@ def slow_rate(
 ) -> FloatArray:
     """Dynamic drive of SA in Pa/ms: σ′ through a one-pole low pass at `SLOW_HZ`.
 
-    With `past`, `stress_pa` is a part of a trace, and outputs before the part are 0.
+    With `past`, `stress_pa` is a part of a trace, and outputs outside the part are 0.
     """
-    rate = stress_rate(stress_pa, dt_ms, derivative)
-    input_share, output_share = _low_pass(SLOW_HZ, dt_ms)
-    inputs = np.zeros_like(rate)
-    inputs[1:] = input_share * (rate[1:] + rate[:-1])
-    return _recursion(inputs, lambda passed, value: output_share * passed + value, past)
+    return _low_passed(stress_rate(stress_pa, dt_ms, derivative), SLOW_HZ, dt_ms, past)
 
 
 def faded(
     stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward", past: Past | None = None
 ) -> FloatArray:
-    """Sustained drive of SA in Pa: stress minus its faded part.
+    """Sustained drive of SA in Pa: stress minus its faded parts.
 
-    ``max(σ − FADING_SHARE s, 0)``, where s follows σ with the time constant `FADE_MS` and
-    equals σ at the first sample: stress before the trace has faded. With `past`, `stress_pa`
-    is a part of a trace, and outputs before the part are undefined.
+    ``max(σ − Σ share s, 0)`` over the rows of `FADES`, where s follows σ with the time constant
+    of its row and equals σ at the first sample: stress before the trace has faded. With `past`,
+    `stress_pa` is a part of a trace, and outputs outside the part are undefined.
     """
     stress = checked_stress(stress_pa, dt_ms, derivative)
-    gain = -math.expm1(-dt_ms / FADE_MS)
-    followed = _recursion(stress, lambda before, value: before + gain * (value - before), past)
-    remaining: FloatArray = np.maximum(stress - FADING_SHARE * followed, 0.0)
-    return remaining
+    remaining = stress.copy()
+    for number, (share, fade_ms) in enumerate(FADES):
+        kept = math.exp(-dt_ms / fade_ms)
+        stage = None if past is None else past.stage(number)
+        followed = _one_pole(stress, 1.0 - kept, 0.0, kept, stage)
+        remaining -= np.multiply(share, followed, out=followed)
+    return np.maximum(remaining, 0.0, out=remaining)
 
 
-def corpuscle(stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward") -> FloatArray:
-    """Drive of PC in Pa^0.6: stress filtered by a Pacinian corpuscle and compressed.
-
-    ``max(y, 0)^p − OTHER_SIDE max(−y, 0)^p`` with p `CORPUSCLE_POWER`: y is σ through
-    three one-pole high passes and three low passes, all at `CORPUSCLE_HZ`, with the gain
-    ``(r / (1 + r²))³`` at r times that frequency. A constant stress gives 0 at any `dt_ms`.
-
-    Notes
-    -----
-    Computed as ``y(t) = Σ h(k) (σ(t − k dt) − σ(t − (k + 1) dt))`` with the step response
-    h of the filter, so that a still finger gives exactly 0.
-    """
-    stress = checked_stress(stress_pa, dt_ms, derivative)
-    passed = np.zeros_like(stress)
-    change = np.diff(stress, axis=0)
-    for lag, share in enumerate(_corpuscle_response(dt_ms, len(stress) - 1)):
-        passed[lag + 1 :] += share * change[: len(change) - lag]
-    size = np.abs(passed) ** CORPUSCLE_POWER
-    compressed: FloatArray = np.where(passed > 0, size, -NEGATIVE_SHARE * size)
-    return compressed
-
-
-def corpuscle_reach(dt_ms: float) -> int:
-    """Number of preceding samples that `corpuscle` reads."""
-    return len(_corpuscle_response(dt_ms, _MAX_RESPONSE_SAMPLES)) + 1
-
-
-def _corpuscle_response(dt_ms: float, longest: int) -> list[float]:
-    """Step response of the filter of `corpuscle`, up to its cutoff.
-
-    A low pass is ``1 / (1 + s τ)``, a high pass its complement, by the trapezoidal rule, which
-    keeps the gain at low frequencies at any `dt_ms`.
-    """
-    input_share, output_share = _low_pass(CORPUSCLE_HZ, dt_ms)
-    before, lows = [0.0] * 6, [0.0] * 6
-    response: list[float] = []
-    while len(response) < longest:
-        value = 1.0
-        for stage, low in enumerate(lows):
-            lows[stage] = output_share * low + input_share * (value + before[stage])
-            before[stage] = value
-            value = value - lows[stage] if stage < 3 else lows[stage]
-        response.append(value)
-        if max(map(abs, lows[1:])) < _RESPONSE_CUTOFF and len(response) > 1:
-            break
-    return response
-
-
-def _recursion(
-    samples: FloatArray, step: Callable[[Any, Any], Any], past: Past | None = None
+def corpuscle(
+    stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward", past: Past | None = None
 ) -> FloatArray:
-    """Outputs of a recursion: `step` of the previous output and the next sample.
+    """Drive of PC in Pa^p: stress filtered by a Pacinian corpuscle and compressed.
 
-    The recursion starts at the first sample, or, with a `past` that has a value, at the first
-    sample of its part.
+    ``max(y, 0)^p − NEGATIVE_SHARE max(−y, 0)^p`` with p `CORPUSCLE_POWER`: y is σ through three
+    one-pole high passes at `CORPUSCLE_HIGH_HZ` and two low passes at `CORPUSCLE_LOW_HZ`, by the
+    trapezoidal rule, which keeps the gain at low frequencies at any `dt_ms`. Stress before the
+    trace is that of the first sample. With `past`, `stress_pa` is a part of a trace, and outputs
+    outside the part are 0.
     """
-    outputs = np.empty_like(samples)
-    start, initial = 0, None
-    if past is not None and past.value is not None:
-        start, initial = past.before, past.value
-        outputs[:start] = 0.0
-    if samples.ndim == 2 and samples.shape[1] > _MAX_COLUMNS_ONE_BY_ONE:
-        rows = accumulate(samples[start:], step, initial=initial)
-        for row, output in enumerate(rows, start - (initial is not None)):
-            if row >= start:
-                outputs[row] = output
-    else:
-        # Plain numbers are several times as fast as short rows.
-        for column in np.ndindex(samples.shape[1:]):
-            before = None if initial is None else initial[column].item()
-            for first in range(start, len(samples), _BLOCK):
-                part = (slice(first, first + _BLOCK), *column)
-                block = accumulate(samples[part].tolist(), step, initial=before)
-                values = list(block)[before is not None :]
-                outputs[part] = values
-                before = values[-1]
-    if past is not None:
-        past.value = np.array(outputs[past.before + past.count - 1])
-    return outputs
+    passed = checked_stress(stress_pa, dt_ms, derivative)
+    for number in range(_HIGH_PASSES + _LOW_PASSES):
+        stage = None if past is None else past.stage(number)
+        if number < _HIGH_PASSES:
+            passed = passed - _low_passed(passed, CORPUSCLE_HIGH_HZ, dt_ms, stage)
+        else:
+            passed = _low_passed(passed, CORPUSCLE_LOW_HZ, dt_ms, stage)
+    size = np.abs(passed) ** CORPUSCLE_POWER
+    size[passed < 0] *= -NEGATIVE_SHARE
+    return size
 
 
-def _low_pass(pole_hz: float, dt_ms: float) -> tuple[float, float]:
-    """Weights of two inputs and of the previous output of a low pass (trapezoidal rule)."""
+def _low_passed(values: FloatArray, pole_hz: float, dt_ms: float, past: Past | None) -> FloatArray:
+    """`values` through a low pass of one pole (trapezoidal rule)."""
     half = math.pi * pole_hz * dt_ms / 1000.0
-    return half / (1.0 + half), (1.0 - half) / (1.0 + half)
+    share = half / (1.0 + half)
+    return _one_pole(values, share, share, (1.0 - half) / (1.0 + half), past)
+
+
+def _one_pole(
+    values: FloatArray, share: float, share_before: float, kept: float, past: Past | None
+) -> FloatArray:
+    """Y with ``y(t) = share x(t) + share_before x(t − dt) + kept y(t − dt)`` for x `values`.
+
+    Before the trace x is its first sample, and y has settled. Outputs outside the part of `past`
+    are 0. The recursion is solved as a system of equations with two diagonals.
+    """
+    from scipy.linalg import solve_banded
+
+    part = slice(None) if past is None else slice(past.before, past.before + past.count)
+    inputs = values[part]
+    if past is None or past.value is None:
+        settled = (share + share_before) / (1.0 - kept)
+        before, output_before = inputs[0], settled * inputs[0]
+    else:
+        before, output_before = past.value
+    right = share * inputs
+    right[0] += share_before * before + kept * output_before
+    if share_before:
+        right[1:] += share_before * inputs[:-1]
+    diagonals = np.empty((2, len(right)))
+    diagonals[0], diagonals[1] = 1.0, -kept
+    outputs = np.zeros_like(values)
+    outputs[part] = solve_banded((1, 0), diagonals, right, overwrite_b=True, check_finite=False)
+    if past is not None:
+        past.value = np.stack([inputs[-1], outputs[part][-1]])
+    return outputs
 
 
 def checked_stress(

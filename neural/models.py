@@ -10,7 +10,6 @@ Table 2 and neither R_m nor α in milliamperes is needed. Currents (4), (5) and 
 paper have saturating terms.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -26,7 +25,6 @@ from neural.filters import (
     Past,
     acceleration_change,
     corpuscle,
-    corpuscle_reach,
     faded,
     rate_change,
     sa_level,
@@ -36,6 +34,8 @@ from neural.filters import (
 )
 from neural.lif import Membrane
 from neural.parameters import (
+    DT_MS,
+    FINE_DT_MS,
     AfferentParameters,
     CorpusclePcParameters,
     FadingSaParameters,
@@ -64,9 +64,10 @@ Filter: TypeAlias = Callable[[FloatArray, float, str], FloatArray]
 RECURSIVE: Mapping[Filter, Callable[[FloatArray, float, str, Past], FloatArray]] = {
     slow_rate: slow_rate,
     faded: faded,
+    corpuscle: corpuscle,
 }
-# Number of neighbouring samples that a filter may read, except `corpuscle` and recursions.
-_MIN_SAMPLES_AROUND = 64
+# Number of samples before and after one that a filter may read, except recursions.
+SAMPLES_AROUND = 64
 Values: TypeAlias = Mapping[str, ArrayLike]
 
 
@@ -146,9 +147,9 @@ class AfferentModel:
     """Model of one class: filters, coefficients of the current, and the reason for the model.
 
     `clamped` membranes do not fall below rest. With `two_way` a cell has a second membrane
-    for falls of stress, and a spike of either is a spike of the cell. With `fades` the rise of
-    the threshold after a spike decays; with `until_turn` it ends as soon as the current drives
-    the potential below rest. With `any_step` the equation does not contain the time step, and
+    for falls of stress, and a spike of either is a spike of the cell. With `until_turn` the rise
+    of the threshold after a spike ends as soon as the current drives the potential below rest.
+    With `any_step` the equation does not contain the time step, and
     its parameters are valid at any.
 
     `equation` is stored with fitted parameters, and parameters with another equation are
@@ -170,10 +171,14 @@ class AfferentModel:
     cells: int = 1
     two_way: bool = False
     until_turn: bool = False
-    fades: bool = True
     any_step: bool = False
     tau: Free | None = TAU
     spread: Free = SPREAD
+
+    @property
+    def step_ms(self) -> float:
+        """Time step of a fit, in ms."""
+        return FINE_DT_MS if self.any_step else DT_MS
 
     def filtered(
         self,
@@ -195,11 +200,6 @@ class AfferentModel:
             for filter_, past in zip(self.filters, pasts, strict=True)
         )
 
-    def samples_around(self, dt_ms: float) -> int:
-        """Number of samples before and after one that its filters read, except recursions."""
-        longest = corpuscle_reach(dt_ms) if corpuscle in self.filters else 0
-        return max(_MIN_SAMPLES_AROUND, longest)
-
     def membrane_coefficients(self, values: Values) -> tuple[Coefficients, ...]:
         """Coefficients of each membrane of a cell; a two-way cell has a second, for falls."""
         rises = self.coefficients(values)
@@ -214,7 +214,7 @@ class AfferentModel:
             refractory_ms=values["refractory_ms"],
             clamped=self.clamped,
             jump_mv=values["jump_mv"],
-            recovery_ms=values["recovery_ms"] if self.fades else math.inf,
+            recovery_ms=values["recovery_ms"],
             until_turn=self.until_turn,
         )
 
@@ -337,11 +337,10 @@ _ROWS = (
         coefficients_free=(replace(STEP, low=2e4, high=2e5), replace(SUSTAINED, low=4e3, high=4e4)),
         tau=replace(TAU, low=10.0, high=100.0),
         spread=replace(SPREAD, high=1.0),
-        equation="I' = gap (r/step + max(σ - s/2, 0)/(held τ)), r is σ' through a low pass at "
-        "100 Hz, s follows σ in 200 ms, v ≥ rest",
-        reason="as rising; half of the response to sustained stress fades with 200 ms, as in "
-        "Merkel cells: slow adaptation, and fewer spikes at 5 and 10 Hz; fast movement "
-        "has less effect",
+        equation="I' = gap (r/step + max(σ - 0.8 s - 0.1 u, 0)/(held τ)), r is σ' through a low "
+        "pass at 100 Hz, s follows σ in 100 ms and u in 3 s, v ≥ rest",
+        reason="as rising; the response to sustained stress fades, as in Merkel cells, to a "
+        "third within a second and further within ten; fast movement has less effect",
         clamped=True,
         cells=MORE_CELLS,
         any_step=True,
@@ -356,14 +355,14 @@ _ROWS = (
         tau=None,
         spread=replace(SPREAD, high=1.5),
         equation="I' = gap σ'/step and -retraction gap σ'/step, a membrane each, v ≥ rest, "
-        "threshold + jump until the turn",
-        reason="RA fires at indentation and at retraction: a membrane for each "
-        "counts steps of stress; further steps of one sweep are four times as large",
+        "threshold + jump, which fades in 6 ms and is gone at the turn",
+        reason="RA fires at indentation and at retraction: a membrane for each counts steps of "
+        "stress; further steps of one sweep are larger the sooner they come, so that slow ramps "
+        "evoke more spikes",
         clamped=True,
         cells=MORE_CELLS,
         two_way=True,
         until_turn=True,
-        fades=False,
         any_step=True,
     ),
     AfferentModel(
@@ -376,8 +375,8 @@ _ROWS = (
         ),
         coefficients_free=(replace(BETA, low=0.3),),
         tau=replace(TAU, high=100.0),
-        equation="I' = β (max(y, 0)^0.6 - 0.85 max(-y, 0)^0.6), y = σ through three high "
-        "and three low passes at 300 Hz, v ≥ rest, threshold + jump, which fades in 12 ms and "
+        equation="I' = β (max(y, 0)^0.5 - 0.5 max(-y, 0)^0.5), y = σ through three high passes at "
+        "500 Hz and two low passes at 135 Hz, v ≥ rest, threshold + jump, which fades in 9 ms and "
         "is gone at the turn",
         reason="PC cells are most sensitive between 200 and 300 Hz; a swing fires one spike "
         "over a wide range of amplitudes, weak swings add up, no amplitude drives a cell below "

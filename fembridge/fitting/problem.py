@@ -16,7 +16,7 @@ import numpy as np
 
 from decks.presets import read_finger
 from decks.probe import Probe
-from decks.stimuli import DT_MS, Diharmonic, Entry, Noise, Ramp, Sine, number_text, resolve
+from decks.stimuli import Diharmonic, Entry, Noise, Ramp, Sine, number_text, resolve
 from decks.synthesis import make_stimulus
 from fembridge.errors import ParameterError, UsageError
 from fembridge.evidence import CRITERIA
@@ -166,7 +166,7 @@ def fit_problem(
             f"{' or '.join(families)}, only of {', '.join(sorted(families_with_rates))}",
             observed.path,
         )
-    stimuli = [make_stimulus(entry, preindent_um=preindent_um) for entry in entries]
+    stimuli = [make_stimulus(entry, preindent_um, dt_ms=model.step_ms) for entry in entries]
     names, rate_ips = observed.rates_of(model.afferent)
     rate_by_stimulus = dict(zip(names, rate_ips.tolist(), strict=True))
     return FitProblem(
@@ -175,7 +175,7 @@ def fit_problem(
         observed_ips=np.array([rate_by_stimulus[entry.id] for entry in entries]),
         groups=tuple(map(group_of, entries)),
         windows_ms=tuple(entry.window_ms for entry in entries),
-        dt_ms=DT_MS,
+        dt_ms=model.step_ms,
         cells=cells,
         targets=tuple(targets),
     )
@@ -208,7 +208,10 @@ def threshold_target(
     ):
         most_um = min(amplitude_um * _AROUND, deepest_um)
         levels.append(np.geomspace(amplitude_um / _AROUND, most_um, _LEVELS))
-        waves += [vibration(frequency_hz, a, preindent_um, cycles=_CYCLES) for a in levels[-1]]
+        waves += [
+            vibration(frequency_hz, level_um, preindent_um, model.step_ms, _CYCLES)
+            for level_um in levels[-1]
+        ]
         cycle_ms, end_ms = 1000.0 / frequency_hz, waves[-1].window_ms[1]
         cycles = math.floor(end_ms / cycle_ms + 1e-9) - 1
         is_first_impulse = criterion == CRITERIA[0]
@@ -238,7 +241,7 @@ def phase_target(
     if rows.empty:
         return None
     waves = [
-        vibration(frequency_hz, amplitude_um, preindent_um)
+        vibration(frequency_hz, amplitude_um, preindent_um, model.step_ms)
         for frequency_hz, amplitude_um in zip(
             rows["frequency_hz"], rows["amplitude_um"], strict=True
         )
@@ -262,7 +265,7 @@ def timing_target(
     if not recorded:
         return None
     ids = list(dict.fromkeys(train.stimulus for train in recorded))
-    stimuli = [make_stimulus(resolve(name)[0], preindent_um=preindent_um) for name in ids]
+    stimuli = [make_stimulus(resolve(name)[0], preindent_um, dt_ms=model.step_ms) for name in ids]
     if len({stimulus.displacement_um.size for stimulus in stimuli}) > 1:
         raise UsageError(
             f"stimuli of the spikes have unequal lengths, expected equal: {', '.join(ids)}"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from decks.stimuli import DT_MS, Ramp, Sine, resolve
-from decks.synthesis import make_stimulus
+from decks.synthesis import at_step, make_stimulus
 from fembridge.errors import FembridgeWarning
 from fembridge.evidence import (
     DISTANCE,
@@ -75,8 +75,9 @@ class ModelOnResponse(NamedTuple):
         parameters = self.model.parameters[afferent]
         if cells and parameters.cells > 1:
             parameters = replace(parameters, cells=cells)
-        stress_pa = self.response.stress_pa(parameters, [stimulus])
-        [cells_ms] = encode_cells(stress_pa, stimulus.dt_ms, parameters)
+        fine = at_step(stimulus, parameters.dt_ms)
+        stress_pa = self.response.stress_pa(parameters, [fine])
+        [cells_ms] = encode_cells(stress_pa, fine.dt_ms, parameters)
         return cells_ms
 
     def vibration_spikes_ms(
@@ -84,7 +85,8 @@ class ModelOnResponse(NamedTuple):
     ) -> tuple[list[FloatArray], tuple[float, float]]:
         """Spike times under the vibration of a table's `row`, and the window of whole cycles."""
         frequency_hz = row["frequency_hz"]
-        stimulus = vibration(frequency_hz, row["amplitude_um"], self.model.preindent_um)
+        dt_ms = self.model.parameters[row["afferent"]].dt_ms
+        stimulus = vibration(frequency_hz, row["amplitude_um"], self.model.preindent_um, dt_ms)
         cycles = np.floor(stimulus.window_ms[1] * frequency_hz / 1000.0 + 1e-9)
         window_ms = (0.0, cycles * 1000.0 / frequency_hz)
         return self.spikes_ms(row["afferent"], stimulus, cells), window_ms

@@ -37,6 +37,7 @@ from fembridge.solver.mechanics import fit_mismatch
 from fembridge.trace import AFFERENTS, finger_id
 from neural import ParameterSet
 from neural.parameter_sets import DEFAULT_SET, SET_NAMES, parameter_set
+from neural.parameters import finest_step_ms
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -217,7 +218,8 @@ def response_of(
 
 
 def _simulated(model: JudgedModel, response: ResponseMap) -> Simulation:
-    stimuli = [make_stimulus(entry, model.preindent_um) for entry in CATALOGUE]
+    dt_ms = finest_step_ms(model.parameters)
+    stimuli = [make_stimulus(entry, model.preindent_um, dt_ms=dt_ms) for entry in CATALOGUE]
     traces = [response.traces(stimulus, model.parameters) for stimulus in stimuli]
     return encode_all(stimuli, traces, model.parameters, {})
 

@@ -65,6 +65,8 @@ from fembridge.trace import (
 from fembridge.typing import FloatArray, Table
 from fembridge.version import __version__
 from neural import Parameters, ParameterSet, mean_rate_ips, parameter_set
+from neural.parameters import DT_MS
+from neural.time_step import fits_step
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -541,7 +543,7 @@ def _prepare_traces(
 
     `afferents` are the classes to keep, and the classes of a trace without one. `stimulus`
     selects one of several, or names the traces without a name (None: that of their run, else
-    `default_name`). Traces of another step than that of the parameters are resampled by PCHIP.
+    `default_name`). Traces whose step does not fit that of the parameters are resampled by PCHIP.
     """
     name = stimulus or (traces.origin.stimulus if traces.origin else default_name)
     stimulus_ids = dict.fromkeys(trace.stimulus or name for trace in traces)
@@ -605,7 +607,7 @@ def _prepare_traces(
                 found=key,
             )
         used_keys.add(key)
-        step_ms, stress_pa = parameters[afferent].dt_ms, trace.stress_pa
+        step_ms, stress_pa, dt_ms = parameters[afferent].dt_ms, trace.stress_pa, trace.dt_ms
         if (peak_pa := float(np.abs(stress_pa).max())) > _MAX_PA:
             raise TraceError(
                 f"{' '.join(filter(None, key))} peaks at {peak_pa:g} Pa, expected at most "
@@ -613,13 +615,17 @@ def _prepare_traces(
                 found=peak_pa,
                 expected=f"at most {_MAX_PA:g} Pa",
             )
-        if abs(trace.dt_ms - step_ms) > _STEP_TOLERANCE * step_ms:
-            _, stress_pa = resample(trace.times_ms, stress_pa, step_ms)
-            steps = (trace.dt_ms, step_ms)
-            warning = doubt_of_step(trace.stress_pa, *steps)
-            other_steps.setdefault(steps, []).append(warning)
+        fits = fits_step(parameters[afferent], dt_ms)
+        # Between samples of 0.5 ms, the step of the paper, the encoder interpolates well.
+        is_fine = fits and step_ms < dt_ms <= DT_MS
+        if abs(dt_ms - step_ms) > _STEP_TOLERANCE * step_ms and not is_fine:
+            warning = doubt_of_step(stress_pa, dt_ms, step_ms)
+            other_steps.setdefault((dt_ms, step_ms), []).append(warning)
+            if not fits:
+                _, stress_pa = resample(trace.times_ms, stress_pa, step_ms)
+                dt_ms = step_ms
         prepared.append(
-            StressTrace(stress_pa, step_ms, trace.node, afferent, trace.start_ms, unit, key[0])
+            StressTrace(stress_pa, dt_ms, trace.node, afferent, trace.start_ms, unit, key[0])
         )
     for (dt_ms, step_ms), step_warnings in other_steps.items():
         subject = f"{len(step_warnings)} traces have" if len(step_warnings) > 1 else "the trace has"

@@ -127,6 +127,7 @@ def simulate(
 
     from decks.presets import finger_table
     from decks.probe import Probe
+    from decks.synthesis import at_step
     from fembridge.host.machine import SOLVER_INSTALL_LINE, find_ccx
     from fembridge.host.store import temporary_folder
     from fembridge.io.waveform import check_preindentation, resolve_stimuli
@@ -146,6 +147,7 @@ def simulate(
     from fembridge.solver.mechanics import report_mechanics
     from fembridge.trace import finger_id
     from neural.parameter_sets import parameter_set, parameters_to_table
+    from neural.parameters import finest_step_ms
 
     if response is not None:
         for argument, value, default in (
@@ -222,6 +224,7 @@ def simulate(
             )
         else:
             method = "map"
+            stimuli = [at_step(item, finest_step_ms(neural_set.parameters)) for item in stimuli]
             traces = [solved.traces(item, neural_set.parameters) for item in stimuli]
     if solved is not None:
         origin["response"] = dict(solved.origin)
@@ -254,6 +257,7 @@ def _from_response(
     """
     from dataclasses import asdict
 
+    from decks.synthesis import at_step
     from fembridge.io.waveform import check_preindentation, resolve_stimuli
     from fembridge.response.response_map import load_response
     from fembridge.simulation.simulation import encode_all
@@ -261,13 +265,15 @@ def _from_response(
     from fembridge.solver.mechanics import report_mechanics
     from fembridge.trace import model_id
     from neural.parameter_sets import parameter_set, parameters_to_table
+    from neural.parameters import finest_step_ms
 
     loaded = load_response(response)
     neural_set = parameter_set(parameters)
     depth_um = 0.0 if loaded.is_of_deck else neural_set.preindent_um
     depth_um = depth_um if preindent_um is None else preindent_um
-    stimuli = resolve_stimuli(stimulus, depth_um, loads=True)
-    check_preindentation(stimuli, preindent_um)
+    coarse = resolve_stimuli(stimulus, depth_um, loads=True)
+    check_preindentation(coarse, preindent_um)
+    stimuli = [at_step(item, finest_step_ms(neural_set.parameters)) for item in coarse]
     requested = load_scale(*per_um)
     driven = [in_scale(item, loaded.load, requested) for item in stimuli]
     for item in stimuli:

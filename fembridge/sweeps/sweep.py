@@ -45,7 +45,7 @@ from decks.mesh import Mesh, read_mesh, write_mesh
 from decks.presets import finger_table, mesh_of
 from decks.probe import Probe
 from decks.stimuli import Entry
-from decks.synthesis import make_stimulus
+from decks.synthesis import at_step, make_stimulus
 from fembridge.errors import (
     FembridgeError,
     FingerError,
@@ -98,6 +98,7 @@ from fembridge.typing import Table
 from fembridge.version import __version__
 from neural import Parameters
 from neural.parameter_sets import parameters_to_table
+from neural.parameters import finest_step_ms
 from neural.rates import spikes_inside
 
 if TYPE_CHECKING:
@@ -873,7 +874,8 @@ def _simulate(item: Item, response: ResponseMap, folder: Path, settings: Solver)
     """Spikes of all stimuli of an item, by the response map or by transients."""
     task, stimuli = item.response, item.stimuli()
     if isinstance(task, DeckTask) or item.method == "map":
-        traces = [response.traces(stimulus, item.parameters) for stimulus in stimuli]
+        stimuli = [at_step(wave, finest_step_ms(item.parameters)) for wave in stimuli]
+        traces = [response.traces(wave, item.parameters) for wave in stimuli]
     else:
         accepted = Contact(**cast("dict[str, Any]", response.origin["contact"]))
         mesh = _response_mesh(task, folder / task.run_folder)

@@ -112,7 +112,7 @@ def test_a_full_disk_leaves_the_earlier_results_and_room_is_all_it_takes(
     apart, little_room, as_in_table
 ):
     """A lock on it names its folder."""
-    place, mount = little_room(200)
+    place, mount = little_room(800)
     shown = json.loads(apart(mount, FILL, place, *WORDS))
     assert shown["codes"] == [0, 1, 0]
     assert shown["same"]

@@ -224,7 +224,7 @@ def test_a_sensor_of_a_robot_is_a_table_too(here, capsys, logged):
     }
     table = {"columns": {"time": "t_s", "value": ["left", "right"]}, "gain_pa": 2e4}
     again = fb.encode(robot, afferents=["SA", "RA"], stimulus="robot", **table).spikes
-    assert any("0.5 ms" in line for line in logged)
+    assert any("0.1 ms" in line for line in logged)
     assert len(again) == sum(map(len, found.values()))
     times_ms = again.query("afferent == 'RA' and unit == 'right' and cell == 1").spike_time_ms
     assert times_ms.tolist() == found["RA", "right", 1]
@@ -278,15 +278,15 @@ def test_a_change_of_step_that_loses_power_is_said(here, capsys):
     for dt_ms, hz, shown in (
         (2.0, 100, "100 % of its power is above 50 Hz: rates may be off: sample it every 0.5 ms"),
         (2.0, 10, ""),
-        (0.1, 2500, "100 % of its power is above 1000 Hz: filter it first"),
-        (0.1, 100, ""),
+        (0.02, 10_000, "100 % of its power is above 5000 Hz: filter it first"),
+        (0.02, 100, ""),
     ):
         times_ms = dt_ms * np.arange(round(200 / dt_ms))
         wave = 1e4 * (1 - np.cos(2e-3 * np.pi * hz * times_ms))
         write_traces(here / "other.csv", [StressTrace(wave, dt_ms, 1, "SA")])
         assert main(["encode", "other.csv", "--no-raster"]) == 0
         (line,) = [x for x in capsys.readouterr().err.splitlines() if "resampled to every" in x]
-        assert line.endswith(shown or "every 0.5 ms")
+        assert line.endswith(shown or "every 0.1 ms")
 
 
 def test_an_even_table_is_resampled_where_that_is_asked(here):

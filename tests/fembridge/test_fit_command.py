@@ -10,7 +10,6 @@ import pytest
 from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
 
-from decks.stimuli import resolve
 from decks.synthesis import make_stimulus
 from fembridge.cli import main
 from fembridge.commands import fit
@@ -140,10 +139,10 @@ def test_the_file_of_parameters_gives_the_rates_that_are_said(made):
     response = read_map(FOLDER / "quick.toml")
     expected = []
     for one in shown:
-        stimulus = make_stimulus(resolve(one.stimulus)[0], preindent_um=75.0)
-        [trace] = [t for t in response.traces(stimulus) if t.afferent == one.afferent]
         parameters = found.parameters[one.afferent]
-        [cells] = encode_cells(trace.stress_pa[:, None], 0.5, parameters)
+        stimulus = make_stimulus(one.stimulus, preindent_um=75.0, dt_ms=parameters.dt_ms)
+        [trace] = [t for t in response.traces(stimulus) if t.afferent == one.afferent]
+        [cells] = encode_cells(trace.stress_pa[:, None], parameters.dt_ms, parameters)
         expected.append(np.mean([rate_ips(x, stimulus.window_ms) for x in cells]))
     assert_allclose([one.rate_ips for one in shown], expected, rtol=1e-12)
     assert max(expected) > 10.0

@@ -322,7 +322,9 @@ def test_a_force_in_newton_is_read_at_its_size():
         from fembridge.results.von_mises import von_mises_pa
 
         assert_allclose(
-            np.stack([trace.stress_pa for trace in row], -1), von_mises_pa(expected), rtol=1e-6
+            np.stack([trace.stress_pa[::5] for trace in row], -1),
+            von_mises_pa(expected),
+            rtol=1e-6,
         )
     one_um = fb.Stimulus("ramp", np.linspace(0.0, 20.0, 41), 0.5, (0.0, 20.0))
     [row] = fb.simulate(one_um, response=response, newton_per_um=0.004).traces

@@ -214,10 +214,10 @@ def test_each_verb_that_makes_spikes_exports_them(tmp_path, capsys):
     assert main([*simulated, "--export", "npz", "--export", "mat", "-o", str(tmp_path)]) == 0
     assert "spikes.npz, spikes.mat" in capsys.readouterr().out
     with np.load(tmp_path / "traces.npz") as traces:
-        table = ["time_ms,afferent,node,von_mises_pa"]
+        table, step_ms = ["time_ms,afferent,node,von_mises_pa"], float(traces["dt_ms"])
         for a, name in enumerate(traces["afferent"]):
             stress = traces["von_mises_pa"][0, :, a]
-            table += [f"{0.5 * n},{name},{a + 1},{one}" for n, one in enumerate(stress)]
+            table += [f"{step_ms * n},{name},{a + 1},{one}" for n, one in enumerate(stress)]
     (tmp_path / "traces.csv").write_text("\n".join(table) + "\n")
     words = ["encode", str(tmp_path / "traces.csv"), "--parameters", "fitted", "--no-raster"]
     assert main([*words, "--export", "npz", "-o", str(tmp_path / "e"), "--json"]) == 0

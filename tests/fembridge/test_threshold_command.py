@@ -221,10 +221,10 @@ def test_a_depth_that_was_not_computed_is_said():
 
 
 def test_the_repr_names_each_class_also_where_a_cell_has_no_threshold():
-    thresholds = fb.threshold(["RA", "PC"], [20, 250])
+    thresholds = fb.threshold(["SA", "PC"], [20, 500])
     assert thresholds.table["least_sensitive_um"].isna().any()
     assert [line.split(":")[0].strip() for line in repr(thresholds).splitlines()[1:]] == [
-        "RA",
+        "SA",
         "PC",
     ]
     table = thresholds.table.assign(amplitude_um=float("nan"))

@@ -248,9 +248,10 @@ def test_noise_has_the_size_that_it_says():
     """Without leak and without a threshold the potential spreads by noise_mv sqrt(t)."""
     rng, chosen = np.random.default_rng(0), parameter_set("fitted_pad").parameters
     fired = encode_units(np.zeros((201, 400)), ["RA"] * 400, 0.5, chosen, noise_mv=2.0, rng=rng)
-    # A walk of 2 mV in 1 ms, clamped at rest, passes 10 mV after some 25 to 50 ms.
+    # A walk of 2 mV in 1 ms, clamped at rest, passes 10 mV after 25 ms on average, and a cell has
+    # two membranes; the jump after a spike delays the next.
     rate = fired.time_ms.size / 400 / 100
-    assert 1 / 60 < rate < 1 / 20
+    assert 1 / 25 < rate < 1 / 12.5
 
 
 def test_what_does_not_fit_is_refused():
@@ -263,7 +264,7 @@ def test_what_does_not_fit_is_refused():
         encode_afferents({"SA": np.zeros(10), "RA": np.zeros(12)}, DT_MS, PUBLISHED)
     for afferents, dt_ms, argument, found in (
         (["SA", "RA"], 0.5, "stress_pa", WAVE_PA[:, None].shape),
-        (["SA"], 1.0, "dt_ms", 1.0),
+        (["SA"], 0.33, "dt_ms", 0.33),
         (["XX"], 0.5, "afferent", "XX"),
     ):
         with pytest.raises((TraceError, ParameterError)) as caught:

@@ -184,7 +184,7 @@ def test_fitted_is_its_file_and_has_the_default_models():
     for afferent, parameters in own.parameters.items():
         drive = model_of(parameters)
         assert (drive.afferent, drive.name) == (afferent, DEFAULT_MODELS[afferent])
-        assert (parameters.cells, parameters.dt_ms) == (drive.cells, 0.5)
+        assert (parameters.cells, parameters.dt_ms) == (drive.cells, drive.step_ms)
 
 
 def test_what_is_fitted_lies_inside_what_is_searched():

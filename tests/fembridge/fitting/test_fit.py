@@ -26,7 +26,7 @@ from fembridge.plots.fit_result import strongest_tradeoff, tradeoffs_figure
 from fembridge.response.response_map import FOLDER, read_map
 from neural import PUBLISHED, encode_cells, rate_ips
 from neural.models import model_named
-from neural.parameters import RisingRaParameters
+from neural.parameters import FINE_DT_MS, RisingRaParameters
 
 SINES = (
     *("sine_20_35.08", "sine_20_67.01", "sine_20_128", "sine_20_250"),
@@ -54,11 +54,11 @@ def known_rates(response):
     def rates(preindent_um):
         classes, rows = [place.afferent for place in response.places], []
         for entry in resolve(SINES + OTHERS):
-            stimulus = make_stimulus(entry, preindent_um=preindent_um)
+            stimulus = make_stimulus(entry, preindent_um=preindent_um, dt_ms=FINE_DT_MS)
             traces = response.traces(stimulus)
             for name, parameters in KNOWN.items():
                 stress_pa = traces[classes.index(name)].stress_pa[:, None]
-                cells = encode_cells(stress_pa, 0.5, parameters)[0]
+                cells = encode_cells(stress_pa, FINE_DT_MS, parameters)[0]
                 rate = np.mean([rate_ips(x, stimulus.window_ms) for x in cells])
                 rows.append((entry.id, name, rate))
         return read_observed(pd.DataFrame(rows, columns=["stimulus", "afferent", "rate_ips"]))
@@ -79,7 +79,7 @@ def models(*names):
 
 
 def test_rates_of_known_parameters_are_found_again(observed, response):
-    settings = FitSettings(search=Search(evaluations=1200, population=60), preindent_um=75.0)
+    settings = FitSettings(search=Search(evaluations=2400, population=60), preindent_um=75.0)
     run = fit_afferents(observed, response, models("RA"), settings)
     [fit] = run.fits.values()
     assert run.finished
@@ -159,7 +159,7 @@ def test_stress_rates_and_windows_are_those_of_each_stimulus(observed, response)
     assert_array_equal(problem.observed_ips, rate_ips[kept])
     for column, k in enumerate(kept):
         [entry] = resolve(names[k])
-        stimulus = make_stimulus(entry, preindent_um=75.0)
+        stimulus = make_stimulus(entry, preindent_um=75.0, dt_ms=FINE_DT_MS)
         trace = response.traces(stimulus)[0]
         assert trace.afferent == "SA"
         assert_array_equal(problem.stress_pa[:, column], trace.stress_pa)
