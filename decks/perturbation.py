@@ -208,7 +208,7 @@ def _abaqus_state_lines(state: LinearState, sets: str) -> Iterator[bytes]:
         if state.steps or block.keyword not in ("BOUNDARY", "AMPLITUDE"):
             yield block_text(block)
     if not state.steps:
-        yield from _held_lines(state.boundaries)
+        yield from _held_lines(state.boundaries, with_words=True)
     yield sets.encode()
     for number, step in enumerate(state.steps, start=1):
         for block in step[:-1]:
@@ -254,12 +254,12 @@ def _materials_without_density(model: Sequence[Block]) -> list[Block]:
     return without
 
 
-def _held_lines(boundaries: Sequence[Block]) -> Iterator[bytes]:
-    """``*BOUNDARY`` without magnitudes."""
+def _held_lines(boundaries: Sequence[Block], *, with_words: bool = False) -> Iterator[bytes]:
+    """``*BOUNDARY`` without magnitudes; `with_words` as ``ENCASTRE``, which also hold rotations."""
     for block in boundaries:
         yield b"*BOUNDARY\n"
         for row in block.rows():
-            for fields in _freedoms(row):
+            for fields in (row.fields,) if with_words else _freedoms(row):
                 yield (", ".join(fields[:3]) + "\n").encode("latin-1")
 
 

@@ -154,6 +154,7 @@ def test_the_decks_for_abaqus_are_flat(tmp_path):
     assert forces.nodes.tolist() == list(range(119, 127))
     text = (tmp_path / "pad" / "forces_01.inp").read_text()
     assert not has_parts(read_inp(text.encode(), abaqus=True))
+    assert "*BOUNDARY\nSet-Bottom, ENCASTRE\n" in text
 
 
 def test_a_check_counts_the_members_of_sets_of_the_assembly(tmp_path):
