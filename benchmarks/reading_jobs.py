@@ -112,6 +112,28 @@ def list_command(path: Path, held: Held) -> Task:
     return task
 
 
+def ours_at_nodes_command(path: Path, held: Held) -> Task:
+    """`ours_at_nodes` with the start of its process and the imports."""
+    return _process(f"import fembridge; fembridge.read({str(path)!r}, {held['nodes']})")
+
+
+def pyvista_at_nodes_command(path: Path, held: Held) -> Task:
+    """`pyvista_at_nodes` with the start of its process and the imports."""
+    arguments = f"Path({str(path)!r}), {{'rows': {held['rows']}}}"
+    return _process(
+        "from pathlib import Path; from benchmarks.reading_jobs import pyvista_at_nodes; "
+        f"pyvista_at_nodes({arguments})()"
+    )
+
+
+def _process(code: str) -> Task:
+    def task() -> Answer:
+        subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
+        return []
+
+    return task
+
+
 def pyvista_at_nodes(path: Path, held: Held) -> Task:
     """Open, then read each increment and take five rows of its von Mises stress."""
     import pyvista_frd
@@ -219,6 +241,10 @@ JOBS = {
     "nothing": Job("Python", "NumPy imported", "ascii", nothing),
     "nodes": Job("fembridge", "five nodes", "ascii", ours_at_nodes),
     "nodes_pyvista": Job("pyvista-frd-reader", "five nodes", "ascii", pyvista_at_nodes, **PYVISTA),
+    "nodes_command": Job("fembridge", "five nodes, process", "ascii", ours_at_nodes_command),
+    "nodes_pyvista_command": Job(
+        "pyvista-frd-reader", "five nodes, process", "ascii", pyvista_at_nodes_command, **PYVISTA
+    ),
     "nodes_float32": Job("fembridge", "five nodes", "float32", ours_at_nodes),
     "nodes_float64": Job("fembridge", "five nodes", "float64", ours_at_nodes),
     "fields": Job("fembridge", "STRESS", "ascii", ours_fields, ("STRESS",)),

@@ -72,6 +72,13 @@ RATIOS = (
         100.0,
     ),
     Ratio(
+        "five nodes, whole processes, ASCII: time of pyvista-frd-reader / ours",
+        "nodes_command",
+        "nodes_pyvista_command",
+        seconds,
+        20.0,
+    ),
+    Ratio(
         "five nodes, all increments, ASCII: time of ccx2paraview's conversion / ours",
         "nodes",
         "convert_ccx2paraview",

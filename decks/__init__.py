@@ -6,10 +6,9 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from decks.dialects import DIALECTS, DeckOptions
-
 if TYPE_CHECKING:
     from decks.contact_analysis import Contact, ContactAnalysis, Model
+    from decks.dialects import DIALECTS, DeckOptions
     from decks.finger import Finger
     from decks.own_model.inp_deck import rebase_inp
     from decks.presets import PRESETS, mesh_of, read_finger
@@ -38,6 +37,7 @@ _MODULES = {
     name: module
     for module, names in {
         "contact_analysis": ("ContactAnalysis", "Contact", "Model"),
+        "dialects": ("DIALECTS", "DeckOptions"),
         "finger": ("Finger",),
         "own_model.inp_deck": ("rebase_inp",),
         "presets": ("PRESETS", "mesh_of", "read_finger"),

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fembridge.errors import TraceError
-from fembridge.host.store import digest
 from fembridge.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -145,13 +144,18 @@ class StressTrace:
         return self.start_ms + steps * self.dt_ms
 
 
+def middle_step(steps_ms: FloatArray) -> float:
+    """The middle of all steps, the larger of two; `numpy.median` imports `numpy.ma` for it."""
+    return float(np.sort(steps_ms)[steps_ms.size // 2])
+
+
 def mean_step(times_ms: FloatArray) -> tuple[float, int | None]:
     """Mean step of `times_ms` ``(T,)``; where it is not every step, the row before an odd one."""
     steps_ms = np.diff(times_ms)
     mean_ms = float((times_ms[-1] - times_ms[0]) / steps_ms.size)
     if mean_ms > 0 and (np.abs(steps_ms - mean_ms) <= STEP_TOLERANCE * mean_ms).all():
         return mean_ms, None
-    usual_ms = np.median(steps_ms)
+    usual_ms = middle_step(steps_ms)
     even = np.abs(steps_ms - usual_ms) <= STEP_TOLERANCE * usual_ms
     return mean_ms, int(even.argmin())
 
@@ -162,7 +166,7 @@ def doubt_of_gaps(times_ms: FloatArray) -> str | None:
     Times that are even but for a few steps had a sample in each of them.
     """
     steps_ms = np.diff(times_ms)
-    usual_ms = np.median(steps_ms)
+    usual_ms = middle_step(steps_ms)
     odd = np.abs(steps_ms - usual_ms) > _GAP_TOLERANCE * usual_ms
     if not 0 < odd.sum() <= _FEW_GAPS * steps_ms.size:
         return None
@@ -317,6 +321,8 @@ class Origin:
 
 def finger_id(table: Mapping[str, Any]) -> dict[str, str]:
     """Name and digest of a finger from its `table` (`decks.presets.finger_table`)."""
+    from fembridge.host.store import digest
+
     return {"name": str(table.get("name", "")), "sha256": digest(table)}
 
 

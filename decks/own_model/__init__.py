@@ -177,6 +177,7 @@ class Rebased:
     the waveform begins, after the earlier steps, and `stands_mm` the depth of the probe at that
     time. `units` are those of the deck. `time_dependent` are reasons why stress depends on time
     as well as on depth, `path_dependent` reasons why it may depend on earlier depths.
+    `is_whole_field` is True if CalculiX writes results at all nodes.
     """
 
     deck: bytes
@@ -190,6 +191,7 @@ class Rebased:
     at_rest: bool = True
     time_dependent: tuple[str, ...] = ()
     path_dependent: tuple[str, ...] = ()
+    is_whole_field: bool = False
 
 
 def units_per_mm(units: UnitSystem, load: LoadScale | None) -> float:

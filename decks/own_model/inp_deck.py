@@ -98,6 +98,7 @@ _NONLINEAR = (
 )
 _STATIC = re.compile(rb"\*[ \t]*STATIC", re.IGNORECASE)
 _OUTPUT_SET = "FEMBRIDGE_OUTPUT"
+_JOINT_SET = "FEMBRIDGE_OUTPUT_AND_YOURS"
 # Of automatic increments: the samples, at which results are written.
 _TIME_POINTS = "FEMBRIDGE_TIMES"
 _SET_NAME = re.compile(r"[A-Za-z0-9_-]+")
@@ -227,6 +228,7 @@ def rebase_inp(
             *time_dependence(deck, drive),
         ),
         path_dependent=tuple(path_dependence(deck, abaqus=abaqus)),
+        is_whole_field=editor.is_whole_field,
     )
 
 
@@ -277,6 +279,8 @@ class _DeckEditor:
         self.edits = list[Edit]()
         self.remarks = list[str]()
         self.doubts = list[str]()
+        self.is_whole_field = False
+        self.joint_sets = list[str]()  # sets of the user's requests of U and S
         self.expanded = False  # whether ccx makes solids of shells or beams
         self.relaxing = False  # whether a material gets branches that creep
         self.on_faces = False  # whether an afferent is on the bottom or top of a shell
@@ -603,12 +607,19 @@ class _DeckEditor:
                 removed_blocks, lines = _abaqus_requests(step), self._abaqus_request(on_set)
             else:
                 removed_blocks = step.blocks_of(*_CALCULIX_REQUESTS)
-                kept_blocks = removed_blocks if self.request.keeps_output else []
-                in_set = on_set and not any(map(_writes_our_quantities, kept_blocks))
-                nodes_text = nodes_text if in_set else "all nodes"
-                lines = self._calculix_request(step, in_set, on_nodes=bool(positions))
+                if self.request.keeps_output:  # those of an earlier deck of ours go
+                    kept_blocks = [
+                        block
+                        for block in removed_blocks
+                        if block.value_of("NSET") not in (_OUTPUT_SET, _JOINT_SET)
+                    ]
+                set_name = self._set_of_requests(kept_blocks) if on_set else ""
+                nodes_text = nodes_text if set_name else "all nodes"
+                lines = self._calculix_request(step, set_name, on_nodes=bool(positions))
             if self.request.keeps_output:
-                removed_blocks = []
+                removed_blocks = (
+                    [] if self.abaqus else [b for b in removed_blocks if b not in kept_blocks]
+                )
                 self._keep_requests(kept_blocks)
             interval = "every time point" if self.automatic else "every increment"
             times = interval if step is self.drive.step else "its last increment"
@@ -617,6 +628,7 @@ class _DeckEditor:
                 for row in block.rows():
                     self._edit(row.text, row.start, row.stop)
             self._insert(step.end.text, step.end.start, lines)
+            self.is_whole_field = not self.abaqus and nodes_text == "all nodes"
             removed = ", ".join(f"{block.title} ({block.where})" for block in removed_blocks)
             replaced = f", replacing {removed}" if removed else ""
             self.remark(step.end, f"U and S at {nodes_text}, {times}{replaced}")
@@ -639,7 +651,26 @@ class _DeckEditor:
             change = f", without {names}: as ours" if names else ", as often as ours"
             self.remark(block, f"{block.title} stays{change}")
 
-    def _calculix_request(self, step: Step, on_set: bool, *, on_nodes: bool) -> list[str]:
+    def _set_of_requests(self, kept_blocks: list[Block]) -> str:
+        """The node set of U and S: ours, with those of the user's requests; "" for all nodes.
+
+        In ccx the last request of a quantity decides its nodes, so ours has all of them.
+        """
+        names = [block.value_of("NSET") for block in kept_blocks if _writes_our_quantities(block)]
+        if not all(names):
+            return ""
+        if not names:
+            return _OUTPUT_SET
+        new = [name for name in dict.fromkeys(names) if name not in self.joint_sets]
+        if new:
+            joined = new if self.joint_sets else [_OUTPUT_SET, *new]
+            head = self.drive.steps[0].head
+            lines = [f"*NSET, NSET={_JOINT_SET}", *(f"{name}," for name in joined)]
+            self._insert(head.text, head.start, lines)
+            self.joint_sets += new
+        return _JOINT_SET
+
+    def _calculix_request(self, step: Step, set_name: str, *, on_nodes: bool) -> list[str]:
         """Request of U and S in `step`: every sample or, before the waveform's, its last."""
         kept_blocks = [block for block in step.blocks if block.keyword not in _CALCULIX_REQUESTS]
         timed = [block for block in kept_blocks if block.option("TIMEPOINTS") is not None]
@@ -653,8 +684,9 @@ class _DeckEditor:
                 f"{timed[0].title}, TIME POINTS: ccx refuses it with fixed increments; take it "
                 "out, or let increments be automatic"
             )
-        mode = self._output_mode(step, on_set or (on_nodes and self.request.keeps_output))
-        nodes = f"{f', NSET={_OUTPUT_SET}' * on_set}{frequency}{mode}"
+        on_deck_nodes = bool(set_name) or (on_nodes and self.request.keeps_output)
+        mode = self._output_mode(step, on_deck_nodes)
+        nodes = f"{f', NSET={set_name}' if set_name else ''}{frequency}{mode}"
         if self.request.results == "text":
             return [f"*NODE FILE{nodes}", "U", f"*EL FILE{nodes}", "S"]
         return [f"*NODE OUTPUT{nodes}, DOUBLE", "U", f"*ELEMENT OUTPUT{nodes}, DOUBLE", "S"]

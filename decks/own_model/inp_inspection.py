@@ -140,15 +140,18 @@ def _add_parts(
                 section = model.section_of(element.number)
                 name = block.value_of("ELSET") if section is None else section.element_set
                 counts[name, kind, "" if section is None else section.material] += 1
-        bare: Counter[str] = Counter()
+        bare: Counter[tuple[str, str]] = Counter()  # type of elements, card of their section
+        cards = {section.element_set: section.block for section in model.sections}
         for (name, kind, material), count in counts.items():
             result.parts.append(part_row(name, kind, count, material, scope.instance))
             if not material and family_of(kind) not in (*WITHOUT_STRESS, "other"):
-                bare[kind] += count
-        result.problems += [
-            Finding("materials", f"{count} elements {kind} have no material: no section names them")
-            for kind, count in bare.items()
-        ]
+                bare[kind, cards[name].title if name in cards else ""] += count
+        for (kind, card), count in bare.items():
+            reason = (
+                f"{card} states none, so there is no stress" if card else "no section names them"
+            )
+            message = f"{count} elements {kind} have no material: {reason}"
+            result.problems.append(Finding("materials", message))
     families = result.families
     result.dimensions = 2 if families & {"plane"} and not families & {"solid", *EXPANDED} else 3
     if result.solver != "calculix":

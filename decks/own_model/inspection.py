@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from decks.own_model.inp_model import family_of
-from decks.unit_system import MM, UnitSystem, modulus_doubt
+from decks.unit_system import LENGTH_UNITS, MM, UnitSystem, modulus_doubt
 from fembridge.typing import Table
 
 PA_PER_MPA = 1.0e6
@@ -125,7 +125,8 @@ def unit_findings(
                 Finding(
                     "units",
                     f"the density of {row['material']} is {density:g} kg/m3 in the deck's units; "
-                    f"expected {DENSITY_KG_M3[0]:g} to {DENSITY_KG_M3[1]:g} (skin about 1100)",
+                    f"expected {DENSITY_KG_M3[0]:g} to {DENSITY_KG_M3[1]:g} (skin about 1100)"
+                    f"{_density_hint(density, units)}",
                     row["line"],
                 )
             )
@@ -139,6 +140,15 @@ def unit_findings(
             )
         )
     return findings
+
+
+def _density_hint(density: float, units: UnitSystem) -> str:
+    """The unit of length with which a `density` in kg/m3 would be one; "" without any."""
+    value = density / density_kg_m3(1.0, units)
+    for unit, other in LENGTH_UNITS.items():
+        if DENSITY_KG_M3[0] <= (other_kg_m3 := density_kg_m3(value, other)) <= DENSITY_KG_M3[1]:
+            return f": it would be {other_kg_m3:g} with --length-unit {unit}"
+    return ""
 
 
 def density_kg_m3(density: float, units: UnitSystem) -> float:

@@ -45,7 +45,8 @@ _OF_OUR_FINGER = (
     "--inertia --law --element --contact --stiffness-mpa-per-mm --friction --probe-body"
 )
 _OF_AN_OWN_MODEL = (
-    "--afferent --afferents --amplitude --move --step --length-unit --increments --shell-face"
+    "--afferent --afferents --amplitude --move --step --length-unit --increments --shell-face "
+    "--no-own-output"
 )
 
 USES = (
@@ -142,6 +143,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     formats = "a .inp of CalculiX or Abaqus, or a .dat of Marc; --preindent-um is 0 by default"
     model_options.add_argument("--base-deck", metavar="FILE", help=formats)
     add_own_deck_options(model_options, rebase_deck)
+    add_from(
+        model_options,
+        rebase_deck,
+        own_output="take the deck's own requests of results out (default: they stay)",
+    )
 
 
 def add_own_deck_options(parser: argparse._ActionsContainer, function: Callable[..., Any]) -> None:
@@ -288,6 +294,7 @@ def _rebase(args: argparse.Namespace, stimulus: "Waveform") -> "list[RunFolder]"
         target=args.target,
         results=args.results,
         all_nodes=args.frames == 1,
+        own_output=args.own_output,
         **own_deck_options(args),
         parameters=args.parameters,
         preindent_um=args.preindent_um or 0.0,

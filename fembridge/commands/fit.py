@@ -99,6 +99,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     stress = parser.add_mutually_exclusive_group()
     add_from(stress, fit, "response", finger=STORED_FINGER)
+    add_from(parser, fit, "unit")
     missing = "accept stimuli without a rate of some class"
     add("--allow-missing", action="store_true", help=missing)
     add_output_option(parser, default="fit")

@@ -232,6 +232,11 @@ _SHARED: Mapping[str, Description] = {
         "stiffness at small strain",
     ),
     "observed": ("RATES.csv", "observed rates: a table stimulus,afferent,rate_ips"),
+    "unit": (
+        "CLASS=UNIT",
+        "unit of a class that has several in the map: SA=12,RA=40 (default: of each class the one "
+        "with the largest stress)",
+    ),
     "response": (
         "DIR|FILE.toml",
         "response map of your own finger, as `fembridge simulate` writes it",

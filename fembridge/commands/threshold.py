@@ -46,6 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_from(parser, threshold, "parameters", preindent_um=("DEPTH", depth))
     stress = parser.add_mutually_exclusive_group()
     add_from(stress, threshold, "response", finger=STORED_FINGER)
+    add_from(parser, threshold, "unit")
     add(
         "--thresholds",
         metavar="NAME|FILE.csv",

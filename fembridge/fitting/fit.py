@@ -428,6 +428,7 @@ def fit(
     complete: bool = False,
     finger: str | Finger | None = None,
     response: ResponseLike | None = None,
+    unit: str | Sequence[str] = (),
     output: PathLike | None = None,
     on_progress: OnProgress | None = None,
 ) -> Fit:
@@ -468,6 +469,9 @@ def fit(
     response
         Response map or `DeckResponse`, or its file or folder as `fembridge.simulate` or
         `fembridge.map_response` writes it, instead of `finger`. Default: None.
+    unit
+        Units of classes that have several in `response`, as ``["SA=12", "RA=40"]``, one of a
+        class. Default: (), of each class the one with the largest stress.
     output
         Folder for the result, see `Fit.write`. Default: None, nothing is written.
     on_progress
@@ -495,7 +499,7 @@ def fit(
     (['SA'], 75.0)
     """
     _check_choice("family", family, (*FAMILIES, ALL))
-    source = response_source(finger, response)
+    source = response_source(finger, response, [unit] if isinstance(unit, str) else unit)
     is_at_zero = drive == "published" or source.response.is_of_deck
     default_preindent_um = 0.0 if is_at_zero else parameter_set("fitted").preindent_um
     settings = FitSettings(

@@ -7,7 +7,7 @@ pair of components, or noises of one band.
 import logging
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -282,11 +282,16 @@ def timing_target(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResponseSource:
-    """Response map and its file, if any; `stored` where it is shipped with fembridge."""
+    """Response map and its file, if any; `stored` where it is shipped with fembridge.
+
+    `units` are those that a user chose, ``SA=12``; of other classes that with the largest stress
+    is taken.
+    """
 
     response: ResponseMap
     path: Path | None = None
     stored: bool = False
+    units: tuple[str, ...] = ()
 
     def to_table(self) -> Table:
         """Description of the response map for TOML, without paths."""
@@ -300,22 +305,30 @@ class ResponseSource:
             "finger_sha256": identity.get("sha256"),
             **{key: origin.get(key) for key in ("solver", "element", "deck_sha256")},
             "closure_percent": None if math.isnan(closure_percent) else closure_percent,
+            "units": list(self.units) or None,
         }
         return {key: value for key, value in table.items() if value is not None}
 
 
 def response_source(
-    finger: "str | Finger | None" = None, response: "ResponseLike | None" = None
+    finger: "str | Finger | None" = None,
+    response: "ResponseLike | None" = None,
+    units: Sequence[str] = (),
 ) -> ResponseSource:
     """Response of a `response` map or file, or the stored one of `finger` (default: ``quick``).
+
+    `units` are those of `ResponseMap.with_units`.
 
     Raises
     ------
     UsageError
-        Both arguments.
+        Both arguments, or a unit that the map lacks.
     ResponseError
         No response is stored for this finger, or a file that is not a response.
     """
+    if units:
+        source = response_source(finger, response)
+        return replace(source, response=source.response.with_units(units), units=tuple(units))
     if response is None:
         return stored_source(finger or "quick")
     if finger is not None:

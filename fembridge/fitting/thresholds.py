@@ -191,6 +191,7 @@ def threshold(
     preindent_um: float | None = None,
     finger: str | Finger | None = None,
     response: ResponseLike | None = None,
+    unit: str | Sequence[str] = (),
     thresholds: PathLike | pandas.DataFrame = THRESHOLDS,
     output: PathLike | None = None,
 ) -> Thresholds:
@@ -218,6 +219,9 @@ def threshold(
     response
         Response map or `DeckResponse`, or its file or folder as `fembridge.simulate` or
         `fembridge.map_response` writes it, instead of `finger`. Default: None.
+    unit
+        Units of classes that have several in `response`, as ``["SA=12", "RA=40"]``, one of a
+        class. Default: (), of each class the one with the largest stress.
     thresholds
         Observed thresholds for the picture: a DataFrame or the path of a table ``afferent,
         criterion, frequency_hz, amplitude_um``, or the name of a set of `fembridge.evidence`.
@@ -258,7 +262,7 @@ def threshold(
             raise UsageError(
                 argument="afferents", found=name, expected=f"one of {', '.join(available)}"
             )
-    source = response_source(finger, response)
+    source = response_source(finger, response, [unit] if isinstance(unit, str) else unit)
     default_um = 0.0 if source.response.is_of_deck else encoding_parameters.preindent_um
     depth_um = default_um if preindent_um is None else preindent_um
     identity = model_id(source.response.origin)

@@ -20,6 +20,7 @@ import numpy as np
 from decks.dialects import dialect_of
 from fembridge.errors import ResultError, TableError
 from fembridge.host.store import read_toml, structure, write_toml
+from fembridge.io import RUN_FILE as RUN_FILE
 from fembridge.trace import (
     AFFERENT_NAME,
     Origin,
@@ -31,7 +32,6 @@ from fembridge.trace import (
 from fembridge.typing import FloatArray, Table
 
 FORMAT = 1
-RUN_FILE = "run.toml"
 STIMULUS_FILE = "stimulus.csv"
 SOLVER_FILE = "solver.toml"
 COLUMNS = ["time_ms", "displacement_um", "aside_um"]

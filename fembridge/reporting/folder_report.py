@@ -26,6 +26,7 @@ from fembridge.io.run_folder import RUN_FILE, read_run_folder
 from fembridge.reporting.folder_page import Check, Picture, Report, Section
 from fembridge.response.indentation import CLOSURE_PERCENT
 from fembridge.response.response_map import MAP_FILE, ResponseMap, read_map
+from fembridge.simulation.deck_response import REASONS_FILE
 from fembridge.simulation.folder import RECORD_FILE, TRACES_FILE, stimuli_in
 from fembridge.touching.touch_result import RECORD_FILE as TOUCH_RECORD
 
@@ -66,7 +67,8 @@ def report(folder: str | os.PathLike[str]) -> Report:
     ----------
     folder
         A run folder of `build_deck` or `rebase_deck`, solved or not; the folder of `simulate`
-        or `touch`; a response map (``response.toml`` or its folder); or the file of a pad.
+        or `touch`; a response map (``response.toml`` or its folder), also a refused one; or the
+        file of a pad.
 
     Returns
     -------
@@ -98,8 +100,10 @@ def report(folder: str | os.PathLike[str]) -> Report:
             return _of_map(path)
         if path.suffix == _PAD_SUFFIX:
             return _of_pad(path)
+    if (path / MAP_RUN / RUN_FILE).is_file():
+        return _of_refused_map(path)
     expected = "a run folder, a folder of simulate or touch, a response map, or a pad"
-    problem = "is no folder" if not path.exists() else "has none of their files"
+    problem = "no such file or folder" if not path.exists() else "has none of their files"
     raise UsageError(
         f"{problem}: expected {expected}",
         path,
@@ -112,12 +116,24 @@ def report(folder: str | os.PathLike[str]) -> Report:
 # ---- A run folder
 
 
-def _of_run(folder: Path) -> Report:
+def _of_refused_map(folder: Path) -> Report:
+    """The run of a map that was refused or is not made yet."""
+    refused = folder / REASONS_FILE
+    if refused.is_file():
+        check = Check("map", False, refused.read_text(encoding="utf-8").strip())
+    else:
+        command = f"fembridge map {shlex.quote(str(folder))}"
+        check = Check("map", None, f"no map is made of this run: {command}")
+    return _of_run(folder / MAP_RUN, (check,), folder)
+
+
+def _of_run(folder: Path, first_checks: Sequence[Check] = (), about: Path | None = None) -> Report:
+    """The report of the run in `folder`; the page is in the folder `about`, else in its own."""
     run = read_run_folder(folder)
     base = run.inputs.get("base_deck")
     base = base if isinstance(base, Mapping) else None
     stimuli = stimuli_in(folder).stimuli
-    checks = list(_deck_checks(run))
+    checks = [*first_checks, *_deck_checks(run)]
     sections = [_run_model(run, base)]
     finger = None if base else _finger_of(run.inputs.get("finger"))
     if base:
@@ -131,7 +147,7 @@ def _of_run(folder: Path) -> Report:
     name = base.get("file", "own deck") if base else run.inputs.get("finger", {}).get("name", "")
     title = f"{stimuli[0].id if stimuli else folder.name} in {name}"
     lead = f"A run folder for {_solver_name(run.solver)}: {folder}."
-    return Report(folder, "run", title, lead, tuple(sections), tuple(checks))
+    return Report(about or folder, "run", title, lead, tuple(sections), tuple(checks))
 
 
 def _solver_name(solver: str) -> str:
@@ -312,7 +328,11 @@ def _own_options(run: RunFolder, base: Mapping[str, Any]) -> list[str]:
     """Options of a user's deck: those of its request, and its afferents."""
     words = []
     for name, value in _mapping(base.get("request")).items():
-        words += [f"--{name.replace('_', '-')}", str(value)]
+        option = name.replace("_", "-")
+        words += [f"--no-{option}"] if value is False else [f"--{option}", str(value)]
+    if load := _mapping(base.get("load")):
+        option = "--newton-per-um" if load.get("quantity") == "force" else "--mpa-per-um"
+        words += [option, str(load.get("per_um"))]
     nodes: dict[str, list[str]] = {}
     for site in run.afferents:
         nodes.setdefault(site.afferent, []).append(str(site.node))

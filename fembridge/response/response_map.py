@@ -12,7 +12,7 @@ makes both again.
 import logging
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
@@ -28,7 +28,7 @@ from fembridge.host.store import near_hint, read_sealed, write_sealed
 from fembridge.io.run_folder import AfferentNode
 from fembridge.results.von_mises import TENSOR, energy_stress_pa, von_mises_pa
 from fembridge.stimulus import Stimulus
-from fembridge.trace import StressTrace, split_afferent_key
+from fembridge.trace import StressTrace, afferent_key, split_afferent_key
 from fembridge.typing import FloatArray, Table
 from neural.models import AfferentModel, model_of
 from neural.parameters import AfferentParameters
@@ -161,6 +161,36 @@ class ResponseMap:
         """The classes, with the number of units where a class has several."""
         counts = Counter(site.afferent for site in self.places)
         return ", ".join(f"{name} ({n} units)" if n > 1 else name for name, n in counts.items())
+
+    def with_units(self, units: Sequence[str]) -> "ResponseMap":
+        """The map with one unit of some classes, and all others.
+
+        Parameters
+        ----------
+        units
+            The unit of each class, as ``"SA=12"``.
+
+        Raises
+        ------
+        UsageError
+            A unit that the map lacks, or two of a class.
+        """
+        chosen: dict[str, str] = {}
+        for text in units:
+            afferent, _, unit = text.partition("=")
+            keys = [afferent_key(site.afferent, site.unit) for site in self.places]
+            if afferent in chosen or afferent_key(afferent, unit) not in keys:
+                expected = ", ".join(key.replace(" ", "=") for key in keys)
+                expected = f"one of each class, of {expected}"
+                raise UsageError(argument="unit", found=text, expected=expected)
+            chosen[afferent] = unit
+        columns = [
+            column
+            for column, site in enumerate(self.places)
+            if chosen.get(site.afferent, site.unit) == site.unit
+        ]
+        places = tuple(self.places[column] for column in columns)
+        return replace(self, tensor_pa=self.tensor_pa[:, columns], places=places)
 
     @property
     def is_of_deck(self) -> bool:

@@ -7,7 +7,6 @@ writing does not move the end; `change` describes it.
 A ``.gz`` file is first unpacked to a temporary file of limited size.
 """
 
-import gzip
 import math
 import os
 import re
@@ -15,11 +14,8 @@ import stat
 import zlib
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, suppress
-from difflib import get_close_matches
-from fractions import Fraction
 from functools import cache, lru_cache
 from pathlib import Path
-from tempfile import NamedTemporaryFile, TemporaryFile, gettempdir
 from typing import IO
 
 import numpy as np
@@ -186,6 +182,8 @@ class _Unpacked:
             self.file.write(block)
             self.file.flush()
         except OSError as error:
+            from tempfile import gettempdir
+
             folder = f"{gettempdir()}: {error.strerror}; TMPDIR names another folder"
             raise ResultError(f"cannot be unpacked into {folder}", path) from error
 
@@ -197,6 +195,9 @@ class _Unpacked:
 @lru_cache(maxsize=1)
 def _unpacked(path: Path, size: int, written_ns: int) -> _Unpacked:
     """Content of a gzip file of `size` bytes."""
+    import gzip
+    from tempfile import NamedTemporaryFile, TemporaryFile
+
     small_bytes = SMALL_BYTES // (8 if suffix_of(path) in _READ_BY_LINES else 1)
     done = 0
     make = TemporaryFile if _OPEN_FILES.is_dir() else NamedTemporaryFile
@@ -331,10 +332,15 @@ def fixed_floats(fields: Characters) -> tuple[FloatArray, BoolArray]:
 @cache
 def _powers_of_ten() -> tuple[FloatArray, FloatArray]:
     """Powers of ten from `_MIN_POWER` on, as sums of a head of few bits and a tail."""
-    powers = [Fraction(10) ** k for k in range(_MIN_POWER, _MAX_POWER + 1)]
-    parts = [math.frexp(float(power)) for power in powers]
-    heads = [math.ldexp(math.floor(math.ldexp(x, _HEAD_BITS)), e - _HEAD_BITS) for x, e in parts]
-    tails = [float(power - Fraction(head)) for power, head in zip(powers, heads, strict=True)]
+    heads, tails = [], []
+    for exponent in range(_MIN_POWER, _MAX_POWER + 1):
+        over, under = 10 ** max(exponent, 0), 10 ** max(-exponent, 0)
+        part, bits = math.frexp(over / under)
+        head = math.ldexp(math.floor(math.ldexp(part, _HEAD_BITS)), bits - _HEAD_BITS)
+        head_over, head_under = head.as_integer_ratio()
+        heads.append(head)
+        # Division of whole numbers rounds once.
+        tails.append((over * head_under - under * head_over) / (under * head_under))
     return np.array(heads), np.array(tails)
 
 
@@ -343,5 +349,7 @@ def _near_names(path: Path) -> str:
         names = [other.name for other in path.parent.iterdir()]
     except OSError:
         return f": no folder {path.parent}"
+    from difflib import get_close_matches
+
     near = get_close_matches(path.name, names, n=3)
     return f"; similar names: {', '.join(near)}" if near else ""

@@ -31,7 +31,7 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -51,6 +51,7 @@ from fembridge.results.fields import (
     Key,
     Scene,
     SceneCells,
+    distinct,
     is_in_sorted,
     numbers_near,
     rows_of,
@@ -64,10 +65,12 @@ from fembridge.results.history import (
 )
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.source import FieldSource, make_field, not_finite_error
-from fembridge.results.status import StaRow, read_sta
 from fembridge.results.von_mises import OneSidedStress, clear_shear
 from fembridge.trace import MS_PER_S, seconds_to_ms
 from fembridge.typing import BoolArray, FloatArray, IntArray, Table
+
+if TYPE_CHECKING:
+    from fembridge.results.status import StaRow
 
 STRESS, DISPLACEMENT = "STRESS", "DISP"
 COMPONENTS = {
@@ -124,8 +127,8 @@ _HEADING_BYTES = 4096  # searched for the heading
 # each increment (benchmarks: half the time of a float64 file, a quarter of a text file). Without
 # glibc it has no effect.
 _KEPT_BYTES = 1 << 23
-_NO_RECORDS = " has 0 records: with OUTPUT=3D CalculiX writes none for an NSET of a plane model; "
-_NO_RECORDS += "use OUTPUT=2D"
+_NO_RECORDS = " has 0 records: no element has this quantity, or it is asked for at an NSET of a "
+_NO_RECORDS += "plane model with OUTPUT=3D, for which CalculiX writes none (OUTPUT=2D writes them)"
 
 _PA = "Pa"
 # By quantity; a name that ends in I is the imaginary part. Decks are in mm, N and s; a quantity
@@ -269,6 +272,8 @@ class FrdIndex:
         self._key: Key | None = None  # of the next block
         self._count: int | None = None  # of the previous block: CalculiX numbers all blocks
         self._mode: int | None = None
+        # Of a buckling step: number of the output before mode 1, the state that buckles, factor 0.
+        self._before_modes: dict[int, int] = {}
         self._is_order_noted = self._has_iterations = False
         # Text, name, components and line end of -4 and -5 lines, by the -4 line; they repeat at
         # every increment.
@@ -507,7 +512,10 @@ class FrdIndex:
         modal = analysis in (_FREQUENCY, _BUCKLING) or line[63:73].strip() == b"MODAL"
         axis = TIME if analysis in (_STATIC, _DYNAMIC) else "number of the analysis"
         if modal:
-            increment = _parse_counts(line, (58, 63))[0] if self._mode is None else self._mode
+            [output] = _parse_counts(line, (58, 63))
+            increment = output if self._mode is None else self._mode
+            if analysis == _BUCKLING and self._mode is None:
+                increment -= self._before_modes.setdefault(step, output - (float(text) != 0))
             axis = "buckling factor" if analysis == _BUCKLING else FREQUENCY
         if flag > 3:
             raise ValueError(f"format flag {flag}")
@@ -918,20 +926,24 @@ def _gather(file: ByteFile, block: FrdBlock, rows: IntArray) -> Characters:
 def find_materials(index: FrdIndex, nodes: Sequence[int] | IntArray) -> IntArray:
     """Pairs of node and material of its elements, ``(M, 2)``, sorted, for all `nodes`."""
     pairs = [np.empty((0, 2), dtype=np.int64)]
-    requested = np.unique(np.asarray(nodes, dtype=np.int64))
+    requested = distinct(np.asarray(nodes, dtype=np.int64))
     if index.elements is not None and requested.size:
         few = requested.tolist() if requested.size <= _FEW_NODES else ()
         for rows in element_rows(index.file, index.elements, few):
             element, corner = np.nonzero(np.isin(rows.corners, requested))
             pairs.append(np.stack([rows.corners[element, corner], rows.material[element]], 1))
-    return np.unique(np.concatenate(pairs), axis=0)
+    return distinct(np.concatenate(pairs), axis=0)
 
 
-def read_attempts(path: Path) -> list[StaRow]:
+def read_attempts(path: Path) -> "list[StaRow]":
     """Attempts at increments in the ``.sta`` of the same name; none if it cannot be read."""
     sta_path = path.with_suffix(".sta")
+    if not sta_path.exists():
+        return []
+    from fembridge.results.status import read_sta
+
     try:
-        return read_sta(sta_path) if sta_path.exists() else []
+        return read_sta(sta_path)
     except (ResultError, OSError):
         return []
 

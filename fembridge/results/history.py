@@ -4,7 +4,6 @@ Unlike a `StressTrace` it may have uneven times, a single output, several steps,
 a frequency or buckling step.
 """
 
-import logging
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -21,13 +20,13 @@ from fembridge.trace import (
     StressTrace,
     doubt_of_step,
     mean_step,
+    middle_step,
     resample,
 )
 from fembridge.typing import FloatArray, IntArray
 
 if TYPE_CHECKING:
     import pandas
-_LOGGER = logging.getLogger(__name__)
 
 STRESS, VON_MISES = "stress", "von-mises"
 # By quantity: its names in the formats; the first that a file has is used.
@@ -162,7 +161,7 @@ class History:
         row = int(np.argmin(steps_ms > 0))
         if steps_ms[row] <= 0:
             return f"times do not rise: {self.at[row + 1]:g} ms comes after {self.at[row]:g} ms"
-        median_ms = float(np.median(steps_ms))
+        median_ms = middle_step(steps_ms)
         is_odd = np.abs(steps_ms - median_ms) > STEP_TOLERANCE * median_ms
         if steps_ms[-1] < median_ms:  # to the end of a step
             is_odd[-1] = False
@@ -246,9 +245,12 @@ class History:
             )
         if message := self._missing_value():
             raise ResultError(f"cannot be resampled: {message}; choose other nodes", self.path)
+        from logging import getLogger
+
+        logger = getLogger(__name__)
         try:
             times_ms, values = resample(
-                self.at, self.values, dt_ms, lambda line: _LOGGER.info(f"{self.path}: {line}")
+                self.at, self.values, dt_ms, lambda line: logger.info(f"{self.path}: {line}")
             )
         except TraceError as error:
             raise ResultError(str(error), self.path) from error

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from fembridge.errors import DeckError, ResultError, UsageError
-from fembridge.host.store import MAX_DECK_BYTES, read_bytes
 from fembridge.results.fields import node_numbers
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import open_source
@@ -88,6 +87,8 @@ def describe_deck_sets(path: Path) -> list[Table]:
 
 def shell_nodes(deck: Path, nodes: Collection[int]) -> set[int] | None:
     """Those of `nodes` that `deck` has in shells or membranes; None without a readable deck."""
+    if not deck.is_file():
+        return None
     from decks.inp import folder_resolver, read_inp
     from decks.own_model.inp_model import ModelScope, family_of
 
@@ -156,6 +157,8 @@ def _read_sets(deck: Path) -> Sets:
 
 
 def _read_deck(deck: Path) -> bytes:
+    from fembridge.host.store import MAX_DECK_BYTES, read_bytes
+
     return read_bytes(deck, MAX_DECK_BYTES, ResultError.at(deck))
 
 

@@ -1,6 +1,5 @@
 """Options of all readers."""
 
-import logging
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,8 +13,6 @@ from fembridge.typing import FloatArray
 PA_PER_UNIT = {system.stress_unit: system.stress_pa for system in UNIT_SYSTEMS.values()}
 METHODS = ("linear", "translate", "average")  # see `fembridge.results.extrapolation`
 VON_MISES = ("tensor", "scalar")
-
-_LOGGER = logging.getLogger(__name__)
 
 
 class NotFiniteError(ResultError):
@@ -128,8 +125,11 @@ class ReadOptions:
         if self.on_remark is not None:
             self.on_remark(Remark(message, is_cut))
         elif not self.quiet:
+            import logging
+
             prefix = "" if self.path is None else f"{self.path}: "
-            _LOGGER.info(f"{prefix}{message}", extra={"remark": message})
+            remarks = logging.getLogger(__name__)
+            remarks.info(f"{prefix}{message}", extra={"remark": message})
 
     def refuse(
         self,

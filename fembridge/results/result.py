@@ -5,6 +5,9 @@ The solver's time starts earlier if the deck ramps to a pre-indentation. A resul
 sample at the start of the analysis.
 """
 
+from __future__ import annotations
+
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from copy import copy
@@ -14,17 +17,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from decks.dialects import JOB
 from decks.unit_system import LENGTH_UNITS, MM, UnitSystem
 from fembridge.errors import FembridgeError, ResultError, UsageError, warn
-from fembridge.host.store import read_toml, sha256_of
-from fembridge.io.run_folder import (
-    RUN_FILE,
-    SOLVER_FILE,
-    AfferentNode,
-    RunFolder,
-    read_run_folder,
-)
+from fembridge.io import RUN_FILE
 from fembridge.results.fields import Field
 from fembridge.results.history import NO_KEYS, STRESS, VON_MISES, History
 from fembridge.results.read_options import ReadOptions
@@ -35,6 +30,8 @@ from fembridge.typing import FloatArray, Table
 
 if TYPE_CHECKING:
     import pandas
+
+    from fembridge.io.run_folder import AfferentNode, RunFolder
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +46,7 @@ class Result:
     run: RunFolder | None = None
     run_error: ResultError | None = None
 
-    def with_options(self, **changed: Any) -> "Result":  # noqa: ANN401 - fields of `ReadOptions`
+    def with_options(self, **changed: Any) -> Result:  # noqa: ANN401 - fields of `ReadOptions`
         """The same open file with other options."""
         source = copy(self.source)
         source.options = replace(self.source.options, **changed)
@@ -262,6 +259,9 @@ class Result:
         `fembridge run` writes the SHA-256 of the solved deck to ``solver.toml``; results
         without that file, of a solver run by hand, are accepted.
         """
+        from fembridge.host.store import read_toml, sha256_of
+        from fembridge.io.run_folder import SOLVER_FILE
+
         solved_sha256 = deck_sha256 = ""
         with suppress(FembridgeError, OSError, KeyError):  # also: no TOML
             solved_sha256 = read_toml(run.folder / SOLVER_FILE, FembridgeError)["deck_sha256"]
@@ -298,15 +298,17 @@ def open_result(
     """
     run: RunFolder | None = None
     run_error = None
-    if isinstance(path, RunFolder):
+    if not isinstance(path, str | os.PathLike):
         run, path = path, path.results
     elif of_run is not None:
         run, path = of_run, Path(path)
     elif ((path := Path(path)) / RUN_FILE).exists():
-        run = read_run_folder(path)
+        run = _run_in(path)
         path = run.results
     else:
         if path.is_dir():
+            from decks.dialects import JOB
+
             suffixes = [reader.suffix for reader in READERS if reader.suffix not in STATUS]
             candidates = [path / f"{JOB}{suffix}" for suffix in suffixes]
             folder, path = path, next(filter(Path.exists, candidates), candidates[0])
@@ -320,7 +322,7 @@ def open_result(
                 )
         try:
             if (path.parent / RUN_FILE).exists():
-                run = read_run_folder(path.parent)
+                run = _run_in(path.parent)
         except ResultError as error:
             run_error = error
     if columns and stress_unit is None:
@@ -361,6 +363,12 @@ def open_result(
                 stress_unit=stress_unit or stated.stress_unit,
             )
         yield Result(source, run, run_error)
+
+
+def _run_in(folder: Path) -> RunFolder:
+    from fembridge.io.run_folder import read_run_folder
+
+    return read_run_folder(folder)
 
 
 def describe(path: Path | str) -> Table:
@@ -487,7 +495,7 @@ def read_history(
     extrapolate: str | None = None,
     von_mises: str | None = None,
     columns: Mapping[str, str] | None = None,
-) -> "pandas.DataFrame":
+) -> pandas.DataFrame:
     """A quantity at nodes at all outputs of a file: a long table.
 
     A row for each output and node, whatever the outputs are: one increment, uneven increments,

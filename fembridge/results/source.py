@@ -18,7 +18,6 @@ import numpy as np
 from decks.unit_system import UnitSystem
 from fembridge.errors import ResultError, UsageError
 from fembridge.host.memory import check_unpacked
-from fembridge.io.text_table import write_table
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.fields import (
     Field,
@@ -127,6 +126,8 @@ class Source(AbstractContextManager["Source"]):
 
     def write_table(self, output: Path, quantity: str | None = None) -> tuple[tuple[str, ...], int]:
         """Write `table` as CSV to `output`; return the columns and the number of rows."""
+        from fembridge.io.text_table import write_table
+
         rows = self.table(quantity)
         columns, count = tuple(map(str, next(rows))), 0
 

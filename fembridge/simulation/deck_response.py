@@ -13,7 +13,7 @@ A command reads the signatures for its options: a function imports what it needs
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -210,6 +210,25 @@ class DeckResponse(Shown):
         return cls(read_map(Path(folder)))
 
 
+@dataclass(frozen=True, slots=True)
+class MapOptions:
+    """Afferents, range and drive of a map: the options of `map_deck`, which describes them."""
+
+    afferents: Afferents | None = None
+    depth_um: float = _DEFAULT_DEPTH_UM
+    retract_um: float | None = None
+    steps: int = _DEFAULT_STEPS
+    amplitude: str | None = None
+    move: str | None = None
+    step: str | None = None
+    target: str | None = None
+    length_unit: str | None = None
+    increments: str = "fixed"
+    shell_face: str | None = None
+    newton_per_um: float | None = None
+    mpa_per_um: float | None = None
+
+
 def map_deck(
     base_deck: str | os.PathLike[str],
     output: str | os.PathLike[str] = "map",
@@ -279,11 +298,7 @@ def map_deck(
     >>> import fembridge as fb
     >>> run = fb.map_deck("mine.dat", afferents={"SA": [461, 480]})  # doctest: +SKIP
     """
-    from fembridge.solver.build import build_own_folder
-    from fembridge.solver.deck import report_rebased
-
-    plan = plan_map(
-        base_deck,
+    options = MapOptions(
         afferents=afferents,
         depth_um=depth_um,
         retract_um=retract_um,
@@ -298,6 +313,17 @@ def map_deck(
         newton_per_um=newton_per_um,
         mpa_per_um=mpa_per_um,
     )
+    return write_map_run(base_deck, output, options)
+
+
+def write_map_run(
+    base_deck: str | os.PathLike[str], output: str | os.PathLike[str], options: MapOptions
+) -> RunFolder:
+    """Run folder of `map_deck`."""
+    from fembridge.solver.build import build_own_folder
+    from fembridge.solver.deck import report_rebased
+
+    plan = plan_map(base_deck, options)
     folder = Path(output) / RUN_FOLDER
     run, rebased = build_own_folder(folder, plan.base, plan.stimulus, plan.request)
     report_rebased(plan.base, plan.request, run, rebased)
@@ -328,47 +354,31 @@ class MapPlan:
         return tuple(map(split_afferent_key, self.request.afferents))
 
 
-def plan_map(
-    base_deck: str | os.PathLike[str],
-    *,
-    afferents: Afferents | None = None,
-    depth_um: float = _DEFAULT_DEPTH_UM,
-    retract_um: float | None = None,
-    steps: int = _DEFAULT_STEPS,
-    amplitude: str | None = None,
-    move: str | None = None,
-    step: str | None = None,
-    target: str | None = None,
-    length_unit: str | None = None,
-    increments: str = "fixed",
-    shell_face: str | None = None,
-    newton_per_um: float | None = None,
-    mpa_per_um: float | None = None,
-) -> MapPlan:
-    """What `map_deck` writes; arguments and errors are those of `map_deck`."""
+def plan_map(base_deck: str | os.PathLike[str], options: MapOptions) -> MapPlan:
+    """What `map_deck` writes; errors are those of `map_deck`."""
     from decks.own_model import Request
     from fembridge.response.deck_map import TRANSIENT, load_unload
     from fembridge.solver.afferents import afferent_nodes
     from fembridge.solver.build import read_base_deck, rebased_deck
     from fembridge.solver.loads import load_scale
 
-    stimulus = load_unload(depth_um, retract_um, steps)
-    base: BaseDeck = read_base_deck(Path(base_deck), target)
-    nodes = afferent_nodes(afferents, base)
+    stimulus = load_unload(options.depth_um, options.retract_um, options.steps)
+    base: BaseDeck = read_base_deck(Path(base_deck), options.target)
+    nodes = afferent_nodes(options.afferents, base)
     if not nodes:
         expected = "nodes of one class or more: SA=461 (--afferent, --afferents)"
-        raise UsageError(argument="afferents", found=afferents, expected=expected)
+        raise UsageError(argument="afferents", found=options.afferents, expected=expected)
     request = Request(
-        amplitude,
-        step,
+        options.amplitude,
+        options.step,
         nodes,
-        length_unit,
+        options.length_unit,
         None,
-        move,
-        increments,
-        shell_face=shell_face,
+        options.move,
+        options.increments,
+        shell_face=options.shell_face,
         keeps_output=True,
-        load=load_scale(newton_per_um, mpa_per_um),
+        load=load_scale(options.newton_per_um, options.mpa_per_um),
     )
     try:
         rebased = rebased_deck(base, stimulus, request)
@@ -459,30 +469,32 @@ def map_response(
     from fembridge.io.run_folder import RUN_FILE, RunFolder, read_run_folder
 
     check_type("solver", solver, Solver)
+    options = MapOptions(
+        afferents=afferents,
+        depth_um=depth_um,
+        retract_um=retract_um,
+        steps=steps,
+        amplitude=amplitude,
+        move=move,
+        step=step,
+        target=target,
+        length_unit=length_unit,
+        increments=increments,
+        shell_face=shell_face,
+        newton_per_um=newton_per_um,
+        mpa_per_um=mpa_per_um,
+    )
     is_run = isinstance(base_deck, RunFolder)
-    deck_options: dict[str, Any] = {"afferents": afferents, "amplitude": amplitude, "move": move}
     if not is_run and not Path(base_deck).is_dir():  # type: ignore[arg-type] # a path
         if results is not None:
             raise UsageError("is for the folder of an earlier map_deck", argument="results")
-        run = map_deck(
-            base_deck,  # type: ignore[arg-type] # a path
-            output,
-            **deck_options,
-            depth_um=depth_um,
-            retract_um=retract_um,
-            steps=steps,
-            step=step,
-            target=target,
-            length_unit=length_unit,
-            increments=increments,
-            shell_face=shell_face,
-            newton_per_um=newton_per_um,
-            mpa_per_um=mpa_per_um,
-        )
+        run = write_map_run(base_deck, output, options)  # type: ignore[arg-type] # a path
         return finish_map(run, Path(output), None, solver)
-    for argument, value in deck_options.items():
-        if value is not None:
-            raise UsageError("is for a deck; the run in this folder has it", argument=argument)
+    for option in fields(MapOptions):
+        value = getattr(options, option.name)
+        is_plain = value is None or isinstance(value, str | int | float)
+        if not is_plain or value != option.default:
+            raise UsageError("is for a deck; the run in this folder has it", argument=option.name)
     if isinstance(base_deck, RunFolder):
         return finish_map(base_deck, base_deck.folder.parent, results, solver)
     folder = Path(base_deck)

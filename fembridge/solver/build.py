@@ -231,7 +231,7 @@ def build_own_folder(
                 **({"load": asdict(request.load)} if request.load else {}),
                 **(
                     {"path_dependent": list(rebased.path_dependent)}
-                    if request.keeps_output and rebased.path_dependent
+                    if rebased.path_dependent
                     else {}
                 ),
                 **({"request": options} if (options := _request_options(request)) else {}),
@@ -251,6 +251,7 @@ def _request_options(request: "Request") -> Table:
     return {
         **options,
         **({"increments": request.increments} if request.increments != "fixed" else {}),
+        **({} if request.keeps_output else {"own_output": False}),
     }
 
 

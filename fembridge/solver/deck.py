@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from fembridge.solver.build import BaseDeck
     from neural.parameter_sets import ParameterSet
 
+_BYTES_A_NODE = 90  # of U and S in float64, with the error estimate of CalculiX
+_MANY_GIGABYTES = 1.0
 _LOGGER = logging.getLogger(__name__)
 
 
@@ -167,6 +169,7 @@ def rebase_deck(
     increments: str = "fixed",
     results: str | None = None,
     all_nodes: bool = False,
+    own_output: bool = True,
     shell_face: str | None = None,
     newton_per_um: float | None = None,
     mpa_per_um: float | None = None,
@@ -213,6 +216,9 @@ def rebase_deck(
         Format of the results: ``"binary"`` or ``"text"``. Default: None, binary.
     all_nodes
         Whether results are written at all nodes at every sample. Default: False.
+    own_output
+        Whether your own requests of results stay in the deck. CalculiX writes them as often as
+        those of the afferents, and U and S at the nodes of your request too. Default: True.
     shell_face
         Layer of a shell whose stress an afferent reads: ``"bottom"``, ``"middle"`` or ``"top"``,
         where the normal of the shell points. Default: None, refused for afferents in shells.
@@ -267,6 +273,7 @@ def rebase_deck(
         increments,
         all_nodes=all_nodes,
         shell_face=shell_face,
+        keeps_output=own_output,
         load=load,
     )
     rebased = [
@@ -286,6 +293,13 @@ def report_rebased(base: BaseDeck, request: Request, run: RunFolder, rebased: Re
     for remark in (*rebased.remarks, *warnings):
         _LOGGER.info(f"{base.path}: {remark}")
     inspection = inspect(base, request)
+    gigabytes = inspection.nodes * run.increments_in_all * _BYTES_A_NODE / 1e9
+    if rebased.is_whole_field and not request.all_nodes and gigabytes > _MANY_GIGABYTES:
+        warn(
+            f"your requests of U or S make results of about {gigabytes:.0f} GB, all nodes at every "
+            "increment; take them out of the deck (--no-own-output)",
+            base.path,
+        )
     # Cards are those of the original: the new deck may have something else for them.
     doubts = [finding for finding in inspection.warnings if finding.topic != "cards"]
     for finding in (*inspection.problems, *doubts, *rebased.doubts):

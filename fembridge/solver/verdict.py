@@ -434,11 +434,11 @@ def _from_results(work: Path, run: RunFolder, unfinished: Failure | None) -> Fai
 
 
 def _diverged_remedy(run: RunFolder) -> str:
-    """Next step for a base deck that diverges."""
-    is_base_deck = "base_deck" in run.inputs
-    return (
-        f"build-deck --increments automatic, or {REMEDIES[Cause.DIVERGED]}" if is_base_deck else ""
-    )
+    """Next step for a base deck that diverges; "" takes that of other decks."""
+    base = run.inputs.get("base_deck")
+    if base is None or base.get("request", {}).get("increments") == "automatic":
+        return ""
+    return f"--increments automatic, or {REMEDIES[Cause.DIVERGED]}"
 
 
 def _progress_text(rows: list[StaRow], run: RunFolder) -> str:

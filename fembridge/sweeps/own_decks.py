@@ -20,7 +20,7 @@ from fembridge.errors import UsageError
 from fembridge.host.store import sha256_of
 from fembridge.response.indentation import depth_for
 from fembridge.response.response_map import ResponseMap, map_file, read_map
-from fembridge.simulation.deck_response import finish_map, map_deck, plan_map
+from fembridge.simulation.deck_response import MapOptions, finish_map, plan_map, write_map_run
 from fembridge.solver.settings import Solver
 from fembridge.sweeps.fingers import check_below, located_errors
 from fembridge.typing import Table
@@ -80,7 +80,7 @@ class DeckModel:
             units = tuple((site.afferent, site.unit) for site in response.places)
             return {"map_sha256": sha256_of(map_file(self.path))}, units, {}
         options = {"depth_um": depth_for(deepest_um), **self.options}
-        plan = plan_map(self.path, **options)
+        plan = plan_map(self.path, MapOptions(**options))
         if plan.base.solver != "calculix":
             raise UsageError(
                 f"is for {plan.base.solver}, expected CalculiX; solve its map with your solver and "
@@ -127,5 +127,5 @@ def decks_of(entries: Sequence[DeckTable], folder: Path) -> tuple[DeckModel, ...
 
 def solve_map(path: Path, options: Mapping[str, Any], output: Path, settings: Solver) -> None:
     """Solve the map of the deck `path` in `output`."""
-    run = map_deck(path, output, **options)
+    run = write_map_run(path, output, MapOptions(**options))
     finish_map(run, output, None, settings)

@@ -22,7 +22,7 @@ it. Contact options that are not set follow the ladder of `fembridge.response.in
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
@@ -60,6 +60,8 @@ _MAX_NAME_LENGTH = 60
 _PROBE_COLUMNS = tuple(f"probe_{name}" for name in ("shape", "diameter_mm", "fillet_mm", "x_mm"))
 # Columns of a DataFrame with the values of a list of the study.
 _LIST_COLUMNS = {"method": "methods", "preindent_um": "preindent_um"}
+# Columns of a DataFrame that are keys of a deck.
+_DECK_COLUMNS = tuple(field.name for field in fields(DeckTable))
 # Keys whose single value is read as a list of one.
 _LIST_KEYS = ("stimuli", "methods", "preindent_um")
 
@@ -279,7 +281,8 @@ def study_from_frame(frame: "pd.DataFrame") -> Study:
     """
     changes = [name for name in frame.columns if "." in str(name)]
     probe_columns = [name for name in frame.columns if name in _PROBE_COLUMNS]
-    accepted = {"stimulus", "finger", *_LIST_COLUMNS, *changes, *probe_columns}
+    deck_columns = [name for name in _DECK_COLUMNS if name in frame.columns]
+    accepted = {"stimulus", "finger", *_LIST_COLUMNS, *changes, *probe_columns, *deck_columns}
     for name in frame.columns.difference(list(accepted)):
         raise UsageError(f"has an unknown column {name!r}", argument="study")
     if "stimulus" not in frame.columns:
@@ -287,13 +290,11 @@ def study_from_frame(frame: "pd.DataFrame") -> Study:
 
     def distinct(columns: Sequence[str]) -> list[dict[str, Any]]:
         present = [name for name in columns if name in frame.columns]
-        if not present:
-            return [{}]
-        rows = frame[present].astype(object).drop_duplicates().to_dict("records")
-        return [
-            {str(name): _plain(value) for name, value in row.items() if value == value}
-            for row in rows
+        rows = [
+            {str(name): _plain(value) for name, value in row.items() if not _is_blank(value)}
+            for row in frame[present].astype(object).to_dict("records")
         ]
+        return list({repr(row): row for row in rows}.values()) if present else [{}]
 
     fingers = [
         {"base": row.pop("finger", "quick"), "rows": [row]}
@@ -304,18 +305,27 @@ def study_from_frame(frame: "pd.DataFrame") -> Study:
         for row in distinct(probe_columns)
     ]
     table: dict[str, Any] = {"fingers": fingers, "probes": probes}
+    if deck_columns:
+        table = {"base_decks": distinct(deck_columns)}
+        of_fingers = {"finger", *changes, *probe_columns}
+        for name in filter(of_fingers.__contains__, frame.columns):
+            raise UsageError(f"has {name!r}, a study of own decks has none", argument="study")
     for column, key in {"stimulus": "stimuli", **_LIST_COLUMNS}.items():
         if column in frame.columns:
             table[key] = [row[column] for row in distinct([column])]
     study = study_from(table, Path.cwd())
-    rows = len(frame.drop_duplicates())
+    rows = len(distinct(list(frame.columns)))
     if study.points != rows:
         raise UsageError(
             f"has {rows} different rows, expected {study.points}: every combination of stimuli, "
-            "fingers, probes, pre-indentations and methods",
+            "fingers or decks, probes, pre-indentations and methods",
             argument="study",
         )
     return study
+
+
+def _is_blank(value: Any) -> bool:  # noqa: ANN401 - a cell of a DataFrame
+    return value is None or (isinstance(value, float) and math.isnan(value))
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - a cell of a DataFrame

@@ -475,7 +475,9 @@ def sweep(
         ``seed``; ``element``; ``stored``; ``name``. Columns of the DataFrame:
         ``stimulus``, and optionally ``finger``, ``method``, ``preindent_um``, ``probe_shape``,
         ``probe_diameter_mm``, ``probe_fillet_mm``, ``probe_x_mm`` and dotted names of
-        changes to the finger, as ``skin.epidermis_mm`` (empty: unchanged).
+        changes to the finger, as ``skin.epidermis_mm`` (empty: unchanged); or, of decks of yours
+        (``base_decks``), ``map``, a folder of `fembridge.map_response`, or ``deck``,
+        ``afferents`` (nodes by class) and further arguments of `fembridge.map_deck`.
     output
         Folder of the sweep. Default: ``sweep``.
     jobs

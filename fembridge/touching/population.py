@@ -104,7 +104,12 @@ class Population:
     def __post_init__(self) -> None:
         check_range("endings_mm", self.endings_mm)
         if not self.unit:
-            raise UsageError("a population without units", argument=None, expected="a unit or more")
+            raise UsageError(
+                "has no unit on this skin; one_each has one of each class under the middle",
+                argument="population",
+                found=0,
+                expected="a unit or more",
+            )
         _check_count(len(self.unit))
         if len(set(self.unit)) < len(self.unit):
             [(duplicate, _)] = Counter(self.unit).most_common(1)

@@ -8,7 +8,6 @@ from fembridge.host import store
 from fembridge.io import text_table
 from fembridge.io.observed_rates import read_observed
 from fembridge.io.spike_table import read_rates, read_spikes
-from fembridge.results import nodes
 from fembridge.simulation import encoding
 from fembridge.solver import build
 
@@ -35,7 +34,7 @@ def test_a_table_without_an_end_is_refused(monkeypatch):
 def test_a_base_deck_beyond_the_bound_is_refused(tmp_path, monkeypatch):
     path = tmp_path / "mine.inp"
     path.write_text("*NODE\n" * 100)
-    for module in (build, nodes):
+    for module in (build, store):  # nodes.py imports it from there when it reads
         monkeypatch.setattr(module, "MAX_DECK_BYTES", 100)
     with pytest.raises(DeckError, match=r"mine\.inp: more than 100 bytes"):
         build.read_base_deck(path)

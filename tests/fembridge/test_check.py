@@ -137,6 +137,22 @@ def test_gravity_density_and_size_in_other_units_trigger_warnings(write):
     assert [item.line for item in result.warnings if item.topic == "units"] == [35]
 
 
+def test_a_density_names_the_unit_of_length_that_makes_it_one():
+    row = {"material": "A", "young_mpa": 0.1, "density_kg_m3": 7.8e15, "elements": 3, "line": 7}
+    [finding] = unit_findings([row], (), MM)
+    assert "7800" in finding.message and "--length-unit m" in finding.message
+    [finding] = unit_findings([{**row, "density_kg_m3": 1e20}], (), MM)
+    assert "--length-unit" not in finding.message
+
+
+def test_a_section_without_a_material_is_named(write):
+    """*SHELL GENERAL SECTION of Abaqus states a stiffness, from which no stress follows."""
+    section = "*SOLID SECTION, ELSET=UPPER, MATERIAL=SKIN\n"
+    path = write(text=DECK.replace(section, "*SHELL GENERAL SECTION, ELSET=UPPER\n1., 2., 3.\n"))
+    [problem] = [item for item in fb.check(path).problems if item.topic == "materials"]
+    assert "*SHELL GENERAL SECTION" in problem.message
+
+
 def test_what_a_waveform_refuses_is_a_problem(write):
     result = fb.check(write(), afferents={"SA": 3})
     assert topics(result.problems) == ["waveform"]

@@ -133,6 +133,64 @@ def test_a_map_of_units_in_a_solid_comes_back_from_its_file(tmp_path):
         assert_array_equal(getattr(again, name), getattr(response, name))
 
 
+def test_of_several_units_one_is_chosen_by_name():
+    response = units_map()
+    assert [site.unit for site in response.with_units(["SA=left"]).places] == ["left"]
+    chosen = response.with_units(["SA=4"])
+    assert_array_equal(chosen.tensor_pa, response.tensor_pa[:, :1])
+    for wrong in (["SA=5"], ["RA=4"], ["SA"], ["SA=4", "SA=left"]):
+        with pytest.raises(UsageError) as refused:
+            response.with_units(wrong)
+        assert (refused.value.argument, refused.value.found) == ("unit", wrong[-1])
+
+
+@pytest.mark.filterwarnings("ignore::fembridge.errors.FembridgeWarning")  # another finger
+def test_thresholds_are_those_of_the_chosen_unit(tmp_path):
+    """The unit with the larger stress is more sensitive, and is taken without a choice."""
+    tensor_pa = np.zeros((3, 2, 6))
+    tensor_pa[:, 0, 0], tensor_pa[:, 1, 0] = [0.0, 2e4, 8e4], [0.0, 4e4, 1.6e5]
+    response = units_map(
+        tensor_pa=tensor_pa, depth_um=np.array([0.0, 100.0, 400.0]), lifts_off=True, load=None
+    )
+    write_map(tmp_path / "response.toml", response)
+
+    def amplitude_um(**unit):
+        found = fb.threshold(["SA"], [20], response=tmp_path, preindent_um=100.0, **unit)
+        return found.table["amplitude_um"].iloc[0], found.provenance["response"].get("units")
+
+    weak, strong = amplitude_um(unit="SA=4"), amplitude_um(unit=["SA=left"])
+    assert (weak[1], strong[1]) == (["SA=4"], ["SA=left"])
+    assert weak[0] > 1.5 * strong[0]
+    assert amplitude_um() == (strong[0], None)
+
+
+def test_a_study_of_own_decks_is_a_dataframe_or_a_dict(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        write_map(tmp_path / name / "response.toml", units_map(load=None))
+    frame = pd.DataFrame({"stimulus": ["sine_20_25"] * 2, "map": ["first", "second"]})
+    by_frame = fb.sweep(frame, "by_frame").results
+    decks = [{"map": "first"}, {"map": "second"}]
+    by_dict = fb.sweep({"stimuli": ["sine_20_25"], "base_decks": decks}, "by_dict").results
+    assert by_frame["finger"].tolist() == ["first", "first", "second", "second"]
+    pd.testing.assert_frame_equal(by_frame, by_dict)
+    for wrong in (frame.assign(finger="quick"), frame.assign(probe_x_mm=1.0)):
+        with pytest.raises(UsageError) as refused:
+            fb.sweep(wrong, "wrong")
+        assert refused.value.argument == "study"
+
+
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [("steps", 12), ("depth_um", 100.0), ("afferents", {"SA": 3}), ("afferents", pd.DataFrame())],
+)
+def test_options_of_a_deck_are_refused_for_the_folder_of_a_map(tmp_path, argument, value):
+    with pytest.raises(UsageError) as refused:
+        fb.map_response(tmp_path, **{argument: value})
+    assert refused.value.argument == argument
+
+
 def test_above_its_smallest_depth_a_map_answers_only_where_the_probe_has_left():
     wave_um = np.array([0.0, -30.0])
     with pytest.raises(ResponseError) as refused:

@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from own_block import BLOCK
 
 import fembridge as fb
 from decks.own_model import Request
 from decks.stimuli import resolve
 from decks.synthesis import make_stimulus
 from fembridge.cli import main
-from fembridge.errors import DeckError
+from fembridge.errors import DeckError, FembridgeWarning
 from fembridge.io.run_folder import read_run_folder, read_waveform
 from fembridge.results.readers import read_values
 from fembridge.results.result import open_result
@@ -101,6 +102,55 @@ def test_python_rebases_a_deck_as_the_verb_does(here, logged):
         assert (run.folder / name).read_bytes() == expected
     assert all(line.startswith("mine.inp: ") for line in logged)
     assert len(logged) == len(run.inputs["base_deck"]["changes"])
+
+
+def requests_in(run):
+    lines = run.deck.read_text().splitlines()
+    cards = ("*NODE FILE", "*EL FILE", "*NODE OUTPUT", "*ELEMENT OUTPUT")
+    return [
+        (line, lines[row + 1]) for row, line in enumerate(lines) if line.upper().startswith(cards)
+    ]
+
+
+def test_requests_of_results_stay_beside_ours_or_go(here):
+    text = INP.read_text()
+    last = text.upper().rindex("*END STEP")
+    own = "*NODE FILE, NSET=AFFERENT_SA, FREQUENCY=7\nRF\n*EL FILE\nE\n"
+    (here / "asks.inp").write_text(text[:last] + own + text[last:])
+    rebase = partial(fb.rebase_deck, "asks.inp", "noise_25_250_5", afferents={"SA": NODES["SA"]})
+    [run] = rebase(output="keeps")
+    kept = requests_in(run)
+    assert ("*NODE FILE, NSET=AFFERENT_SA", "RF") in kept and ("*EL FILE", "E") in kept
+    card, data = kept[-1]
+    assert (card.split(", ")[:2], data) == (
+        ["*ELEMENT OUTPUT", "NSET=FEMBRIDGE_OUTPUT_AND_YOURS"],
+        "S",
+    )
+    [run] = rebase(output="drops", own_output=False)
+    assert [data for _, data in requests_in(run)] == ["U", "S"]
+    assert run.inputs["base_deck"]["request"] == {"own_output": False}
+
+
+def test_a_large_field_that_a_request_makes_is_warned_of(here, monkeypatch):
+    monkeypatch.setattr("fembridge.solver.deck._MANY_GIGABYTES", 0.1)
+    text = INP.read_text()
+    last = text.upper().rindex("*END STEP")
+    (here / "asks.inp").write_text(text[:last] + "*NODE FILE\nU\n" + text[last:])
+    rebase = partial(fb.rebase_deck, "asks.inp", "noise_25_250_5", afferents={"SA": NODES["SA"]})
+    with pytest.warns(FembridgeWarning, match="--no-own-output"):
+        rebase(output="keeps")
+    rebase(output="drops", own_output=False)
+
+
+@pytest.mark.solver
+def test_sets_of_own_requests_are_in_the_results_with_the_afferents(here):
+    """ccx has the U and S of one set: that of its last request."""
+    request = "*NODE FILE, NSET=LOW\nU\n*EL FILE, NSET=SIDE\nS"
+    text = BLOCK.format(model="*NSET, NSET=LOW\n1, 2", before="", loads=request)
+    (here / "block.inp").write_text(text)
+    fb.map_response("block.inp", "map", afferents={"SA": 3}, depth_um=20.0, steps=6)
+    *_, field = fb.read_fields(Path("map/run"), "STRESS", across_materials=True)
+    assert set(field.nodes.tolist()) == {1, 2, 3, 4}
 
 
 @pytest.mark.parametrize(
@@ -233,7 +283,7 @@ def test_what_fixed_increments_do_not_solve_automatic_ones_do(here, capsys):
     build(here, AXISYMMETRIC, "--afferent", f"SA={UNDER}")
     assert main(["run", RUN, "--no-cache"]) == 1
     assert "did not converge" in (said := capsys.readouterr().err)
-    assert "build-deck --increments automatic" in said
+    assert "--increments automatic" in said
     spikes_of(here, AXISYMMETRIC, *AUTOMATIC)
     times_ms, _ = moved_at(here / RUN / "job.frd", [PROBE])
     assert_allclose(times_ms[-120:], 1000.5 + TIMES_MS[:-1], rtol=1e-9)

@@ -49,6 +49,14 @@ def test_import_loads_numpy_and_nothing_heavier(tmp_path):
     assert_not_loaded(HEAVY, steps, tmp_path)
 
 
+def test_traces_of_a_result_file_load_what_they_need(tmp_path):
+    shutil.copy(FRD, tmp_path / "job.frd")
+    spared = ["numpy.ma", "hashlib", "json", "tempfile", "tomllib", "logging", "csv", "difflib"]
+    code = f"import sys, fembridge; fembridge.read('job.frd', [11]); {spared=}"
+    done = python(f"{code}; print(*(name for name in spared if name in sys.modules))", cwd=tmp_path)
+    assert (done.returncode, done.stdout.split(), done.stderr) == (0, [], "")
+
+
 def test_stored_answers_load_no_mesher(tmp_path):
     (tmp_path / "own.toml").write_text("[skin]\nepidermis_mm = 0.5\n", encoding="utf-8")
     words = ["simulate", "--stimulus", "sine_20_250", "--stored", "-o", "out", "--no-plot"]

@@ -3,6 +3,7 @@
 import re
 import shutil
 from dataclasses import replace
+from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -76,6 +77,18 @@ def folders(tmp_path_factory):
     return home
 
 
+@pytest.fixture(scope="module")
+def reported(folders):
+    """Report and page of a folder, drawn once."""
+
+    @cache
+    def reported(name):
+        report = fb.report(folders / name)
+        return report, report.to_html()
+
+    return reported
+
+
 KINDS = {
     "run": ("run", {"Model", "Finger", "What drives it", "Stress", "Spikes", "Commands"}),
     "simulation": (
@@ -89,12 +102,11 @@ KINDS = {
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_each_kind_of_folder_has_its_page(name, folders):
+def test_each_kind_of_folder_has_its_page(name, reported):
     kind, expected = KINDS[name]
-    report = fb.report(folders / name)
+    report, text = reported(name)
     assert (report.kind, report.passed) == (kind, True)
     assert expected <= set(titles(report))
-    text = report.to_html()
     page = Page(text)
     assert not {"script", "link", "iframe", "object", "embed"} & set(page.tags)
     assert all(value.startswith(("#", "data:image/png;base64,")) for value in page.loads)
@@ -123,15 +135,15 @@ def test_every_picture_is_drawn_by_its_name(name, folders):
     assert (refused.value.argument, refused.value.found) == ("kind", "no such picture")
 
 
-def test_numbers_of_a_simulation_stand_on_its_page(folders):
-    text = fb.report(folders / "simulation").to_html()
+def test_numbers_of_a_simulation_stand_on_its_page(folders, reported):
+    _, text = reported("simulation")
     for rate_ips in fb.Simulation.read(folders / "simulation").rates["rate_ips"]:
         assert f"<td>{rate_ips:.6g}</td>" in text
     assert "fembridge simulate --stimulus sine_20_250 --finger quick" in text
 
 
-def test_the_page_of_a_relaxing_touch_names_the_published_set(folders):
-    text = fb.report(folders / "touch").to_html()
+def test_the_page_of_a_relaxing_touch_names_the_published_set(reported):
+    _, text = reported("touch")
     assert "skin-wang-2015: 0.72 at 190 ms" in text
 
 
@@ -184,10 +196,20 @@ def test_a_map_that_does_not_close_fails(tmp_path):
         assert verdicts(fb.report(tmp_path))["closure"] == verdict
 
 
-def test_the_command_writes_into_the_folder(folders, capsys):
-    assert main(["report", str(folders / "simulation")]) == 0
-    page = folders / "simulation" / "report.html"
-    assert page.read_text(encoding="utf-8") == fb.report(folders / "simulation").to_html()
+def test_a_refused_map_has_the_page_of_its_run(tmp_path):
+    shutil.copytree(run_folder(tmp_path), tmp_path / "map" / "run")
+    report = fb.report(tmp_path / "map")
+    assert (report.kind, verdicts(report)["map"]) == ("run", "doubt")
+    (tmp_path / "map" / "no_map.txt").write_text("stress depends on the path\n")
+    report = fb.report(tmp_path / "map")
+    assert (verdicts(report)["map"], verdicts(report)["deck"]) == ("failed", "ok")
+    assert "depends on the path" in str(report.checks)
+
+
+def test_the_command_writes_into_the_folder(folders, reported, capsys):
+    assert main(["report", str(folders / "touch")]) == 0
+    page = folders / "touch" / "report.html"
+    assert page.read_text(encoding="utf-8") == reported("touch")[1]
     assert str(page) in capsys.readouterr().out
 
 

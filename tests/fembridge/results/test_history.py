@@ -109,6 +109,16 @@ def test_modes_are_rows_of_their_number_and_value(write_frd, block, code, column
         fb.read_history(path, [3], resample_ms=1.0)
 
 
+def test_the_state_that_buckles_is_before_mode_1(write_frd, block):
+    """CalculiX numbers outputs through all steps, and writes this state with the factor 0."""
+    content = as_modes(write_frd(stresses(block, (0.0, 48.0, 106.0))), b" 4").read_bytes()
+    path = write_frd(stresses(block, (1.0,)))
+    path.write_bytes(content)
+    table = fb.read_history(path, [3])
+    assert table["mode"].tolist() == [0, 1, 2]
+    assert table["buckling_factor"].tolist() == [0, 48, 106]
+
+
 def test_where_there_are_times_modes_are_asked_for(write_frd, block, logged):
     timed = stresses(block, (0.5, 1.0))
     path = write_frd([*timed, *stresses(block, (7.0, 8.0), step=2)])
