@@ -15,7 +15,7 @@ from fembridge.host.store import read_toml, write_toml
 from fembridge.touching.pad_file import resolve_pad
 from fembridge.touching.stress import pad_response
 
-EVALUATIONS = 4000
+EVALUATIONS = {"SA": 8000, "RA": 4000, "PC": 4000}
 PREINDENT_UM = 75.0
 RULES = {"SA": "tolerant", "RA": "balanced", "PC": "tolerant"}
 TARGETS = FitTargets(thresholds="thresholds_freeman_johnson_1982", timing=True)
@@ -52,7 +52,7 @@ def main():
                 afferents=afferent,
                 response=response,
                 targets=TARGETS,
-                search=Search(evaluations=EVALUATIONS, rule=rule),
+                search=Search(evaluations=EVALUATIONS[afferent], rule=rule),
                 preindent_um=PREINDENT_UM,
                 output=output,
             )

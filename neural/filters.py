@@ -45,7 +45,7 @@ NEGATIVE_SHARE = 0.5
 # Parts of a sustained stress to which the response of SA fades: share, and time constant in ms.
 # The slowly inactivating currents of Merkel cells have about 200 ms and seconds (Gerling et al.
 # 2018, PLoS Comput. Biol. 14, e1006264). Chosen by ramp-and-hold recordings (decision 0056).
-FADES = ((0.8, 100.0), (0.1, 3000.0))
+FADES = ((0.8, 200.0), (0.04, 5000.0))
 
 # Cutoff frequency of the response of SA to movement: of the tested values the best on a held-out
 # frequency (decision 0032). Without it SA would fire 200 impulses/s at a strong 400 Hz.

@@ -337,10 +337,10 @@ _ROWS = (
         coefficients_free=(replace(STEP, low=2e4, high=2e5), replace(SUSTAINED, low=4e3, high=4e4)),
         tau=replace(TAU, low=10.0, high=100.0),
         spread=replace(SPREAD, high=1.0),
-        equation="I' = gap (r/step + max(σ - 0.8 s - 0.1 u, 0)/(held τ)), r is σ' through a low "
-        "pass at 100 Hz, s follows σ in 100 ms and u in 3 s, v ≥ rest",
+        equation="I' = gap (r/step + max(σ - 0.8 s - 0.04 u, 0)/(held τ)), r is σ' through a low "
+        "pass at 100 Hz, s follows σ in 200 ms and u in 5 s, v ≥ rest",
         reason="as rising; the response to sustained stress fades, as in Merkel cells, to a "
-        "third within a second and further within ten; fast movement has less effect",
+        "third within a second and slowly for seconds; fast movement has less effect",
         clamped=True,
         cells=MORE_CELLS,
         any_step=True,

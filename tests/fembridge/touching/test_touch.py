@@ -564,7 +564,7 @@ def test_sa_fires_at_edges_several_times_more_than_on_plateaus_and_not_in_gaps_o
     pin = Shape.punch(1.0), way("sine_20_129.49")
     here = np.flatnonzero(units.z_mm == 0)
     one, other = (touch_skin(PAD, *pin, each, parameters) for each in (units, by_mises))
-    assert_allclose(one.stress_pa[:, here], other.stress_pa[:, here], rtol=0.03, atol=200.0)
+    assert_allclose(one.stress_pa[:, here], other.stress_pa[:, here], rtol=0.1, atol=200.0)
     assert_allclose(one.rate_ips[here], other.rate_ips[here], atol=5.0)
 
     def rates(shape):
