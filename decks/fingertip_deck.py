@@ -87,7 +87,7 @@ def fingertip_deck(
         mesh=mesh,
         layers=layers,
         element=f"C3D{mesh.tet.shape[1]}",
-        apex=int(np.linalg.norm(mesh.node_mm, axis=1).argmin()) + 1,
+        apex=mesh.apex + 1,
         surfaces={"SKIN": mesh.skin + 1, "PAD": mesh.pad + 1},
         plate_mm=plate_mm,
         plate_node_mm=plate_mm_nodes,

@@ -70,7 +70,7 @@ class TipMesh:
         Elements whose first face is on the outer side of the skin or the nail, ``(S,)``.
     pad
         Those of `skin` on the pad, where elements are small.
-    held
+    fixed
         Nodes of the bone and of the nail's outer side, ``(H,)``, which do not move.
     end
         Nodes at the end of the model towards the joint, ``(M,)``, which stay in their plane.
@@ -86,10 +86,15 @@ class TipMesh:
     skin: IntArray
     nail: IntArray
     pad: IntArray
-    held: IntArray
+    fixed: IntArray
     end: IntArray
     afferents: Mapping[str, IntArray]
     pad_afferents: Mapping[str, IntArray]
+
+    @property
+    def apex(self) -> int:
+        """Row of the node at the apex of the pad, the origin."""
+        return int(np.linalg.norm(self.node_mm, axis=1).argmin())
 
     def scaled_jacobian(self) -> FloatArray:
         """Quality of each element by its corners, ``(E,)``: 1 if regular, 0 or less if folded."""
@@ -105,11 +110,11 @@ class TipMesh:
         if self.tet.shape[1] == 4:
             return np.ones_like(straight)
         middle = self.node_mm[self.tet[:, 4:]]
-        place = {frozenset(edge): k for k, edge in enumerate(TET_EDGES)}
+        column = {frozenset(edge): k for k, edge in enumerate(TET_EDGES)}
         worst = np.full(len(corner), np.inf)
         for corner_row, others in ((0, (1, 2, 3)), (1, (0, 3, 2)), (2, (0, 1, 3)), (3, (0, 2, 1))):
             tangents = [
-                4 * middle[:, place[frozenset((corner_row, other))]]
+                4 * middle[:, column[frozenset((corner_row, other))]]
                 - 3 * corner[:, corner_row]
                 - corner[:, other]
                 for other in others
@@ -495,9 +500,9 @@ def _assembled(
     on_axis = node_mm[:, 0] == 0
     half = len(node_mm)
     image = np.where(on_axis, np.arange(half), half + np.cumsum(~on_axis) - 1)
-    whole_mm = np.concatenate([node_mm, node_mm[~on_axis] * [-1.0, 1.0, 1.0]])
+    both_halves_mm = np.concatenate([node_mm, node_mm[~on_axis] * [-1.0, 1.0, 1.0]])
     mirrored = image[tet][:, _MIRRORED[: tet.shape[1]]]
-    whole = np.concatenate([tet, mirrored])
+    both_halves = np.concatenate([tet, mirrored])
 
     def both(elements: IntArray) -> IntArray:
         return np.concatenate([elements, elements + len(tet)])
@@ -507,7 +512,7 @@ def _assembled(
 
     face = list(FACE_NODES[: 3 * tip.resolution.order])
     in_bone = np.unique(tet[layer == LAYERS.index("bone")])
-    held = np.union1d(in_bone, np.unique(tet[nail_faces][:, face]))
+    fixed = np.union1d(in_bone, np.unique(tet[nail_faces][:, face]))
     end = np.flatnonzero(node_mm[:, 2] == -tip.outline.shaft_mm)
     margin_mm = _END_ELEMENTS * tip.resolution.far_mm
     below_skin = np.unique(stack.triangle[skin_faces])
@@ -522,13 +527,13 @@ def _assembled(
         }
 
     mesh = TipMesh(
-        node_mm=whole_mm,
-        tet=whole,
+        node_mm=both_halves_mm,
+        tet=both_halves,
         layer=np.concatenate([layer, layer]),
         skin=both(skin_faces),
         nail=both(nail_faces),
         pad=both(pad_faces),
-        held=nodes(held),
+        fixed=nodes(fixed),
         end=nodes(end),
         afferents=at_depths(below_skin),
         pad_afferents=at_depths(np.intersect1d(below_skin, stack.triangle[pad_faces])),

@@ -188,11 +188,11 @@ class SolidModel:
         if not faces:
             problem = f"{name} has no outer face of a solid element"
             raise DeckError(problem, argument="skin", found=name)
-        corners = np.concatenate(
-            [face[:, triangle] for face in faces for triangle in _TRIANGLES[face.shape[1]]]
-        )
-        rows, vertex = np.unique(corners, return_inverse=True)
-        return Skin(rows, vertex.reshape(-1, 3))
+        return _triangulated(faces)
+
+    def whole_skin(self) -> Skin:
+        """All outer faces of the solid elements."""
+        return _triangulated(list(self._outer_faces(self.node)))
 
     def _surface_nodes(self, name: str, block: Block | None) -> IntArray:
         if block is None:
@@ -255,6 +255,15 @@ class SolidModel:
         faces = faces.copy()
         faces[inward] = faces[inward][:, turned[faces.shape[1]]]
         return faces
+
+
+def _triangulated(faces: Sequence[IntArray]) -> Skin:
+    """Triangles of `faces`, of which there is one or more."""
+    corners = np.concatenate(
+        [face[:, triangle] for face in faces for triangle in _TRIANGLES[face.shape[1]]]
+    )
+    rows, vertex = np.unique(corners, return_inverse=True)
+    return Skin(rows, vertex.reshape(-1, 3))
 
 
 def read_solid_model(deck: Deck, length_unit: str | None = None) -> SolidModel:

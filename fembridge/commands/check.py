@@ -4,7 +4,8 @@ Prints a page: units, parts, materials, sets, steps, the motion of the waveform,
 other loads, contact, afferents, ignored cards, and the expected cost of a run. Takes a .inp
 of CalculiX or Abaqus or a .dat of Marc. build-deck --base-deck makes the same checks.
 If CalculiX is installed it reads the deck, without solving it. The exit code is 1
-when there is a problem.
+when there is a problem. A .inp without a step is a model for a pad, and no problem
+unless --stimulus is given.
 """
 
 import argparse
@@ -25,7 +26,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_from(
         parser,
         check,
-        stimulus=({"metavar": "ID|FILE"}, "waveform of the trial and of the forecast"),
+        stimulus=(
+            "ID|FILE",
+            "waveform of the trial and of the forecast (default, with a step: sine_20_250)",
+        ),
         preindent_um=("UM", "depth of the probe before time 0"),
     )
     parser.add_argument(

@@ -243,7 +243,8 @@ _SHARED: Mapping[str, Description] = {
     ),
     "pad": (
         "NAME|FILE.npz",
-        "reference; for touch also plane (the ridged section, endless along z); or a file",
+        "reference; fingertip or fingertip_macaque (round); for touch also plane (the ridged "
+        "section, endless along z); or a file",
     ),
     "endings_mm": (
         "MM",

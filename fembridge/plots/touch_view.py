@@ -166,18 +166,28 @@ PICTURES = {"pad": pad_figure, "raster": unit_raster_figure}
 
 
 def _view_mm(touch: "Touch") -> tuple[float, float]:
-    """Half width and half length of the view: all units and the contact, with a margin."""
+    """Half width and half length of the view: units, contact and outline, with a margin."""
     units, nodes = touch.population, touch.contact.nodes
+    outline_mm = nodes.pad.outline()
+    along_mm = outline_mm[:, 1::2] if nodes.pad.outline_ends else outline_mm[:0]
     half_width, half_length = (
-        float(np.abs([*of_units, *of_nodes]).max(initial=1.0)) + _MARGIN_MM
-        for of_units, of_nodes in ((units.x_mm, nodes.x_mm), (units.z_mm, nodes.z_mm))
+        float(np.abs(np.concatenate([np.ravel(part) for part in parts])).max(initial=1.0))
+        + _MARGIN_MM
+        for parts in (
+            (units.x_mm, nodes.x_mm, outline_mm[:, ::2]),
+            (units.z_mm, nodes.z_mm, along_mm),
+        )
     )
     return half_width, max(half_length, _LEAST_SHARE * half_width)
 
 
 def _look_at_pad(panel: "Axes", touch: "Touch") -> tuple[float, float]:
-    """Show what is in view, x as long as z; half width and half length of that."""
+    """Show what is in view and the outline, x as long as z; half width and half length of that."""
+    from matplotlib.collections import LineCollection
+
     half_width, half_length = _view_mm(touch)
+    pieces_mm = touch.contact.nodes.pad.outline().reshape(-1, 2, 2)
+    panel.add_collection(LineCollection(list(pieces_mm), colors=INK, linewidths=HAIR_PT, zorder=1))
     panel.set_xlim(-half_width, half_width)
     panel.set_ylim(-half_length, half_length)
     panel.set_aspect("equal")
@@ -375,7 +385,7 @@ def _scene(
     # The states on both sides of each frame.
     after = np.clip(np.searchsorted(knots, position[samples]), 1, knots.size - 1)
     states = np.unique(np.concatenate([after - 1, after]))
-    field, extent = _stress_field(touch, states)
+    field, extent, beside = _stress_field(touch, states)
     top_kpa = max(float(np.percentile(field, 99.9)) * _KPA, 1e-3)
     stress = panels[1].imshow(
         field[0], extent=extent, origin="lower", cmap="magma", vmin=0, vmax=top_kpa,
@@ -392,6 +402,7 @@ def _scene(
     frame_of = {int(sample): frame for frame, sample in enumerate(samples)}
     # Linear between states: enough for the eye.
     shown = make_interp_spline(knots[states], field, k=1)(position[samples]) * _KPA
+    shown[:, beside] = np.nan
 
     def show(sample: int) -> None:
         if pressure:
@@ -411,11 +422,19 @@ def _scene(
 
 def _stress_field(
     touch: "Touch", states: IntArray
-) -> tuple[FloatArray, tuple[float, float, float, float]]:
-    """Stress ``(state, z, x)`` at SA's depth on a grid in some states, and the edges of that."""
+) -> tuple[FloatArray, tuple[float, float, float, float], BoolArray]:
+    """Stress ``(state, z, x)`` at SA's depth on a grid in some states, and the edges of that.
+
+    And the points of the grid ``(z, x)`` beside the skin of which the pad has stress.
+    """
     half_width, half_length = _view_mm(touch)
     x_mm, z_mm = (np.arange(-half, half + _GRID_MM, _GRID_MM) for half in (half_width, half_length))
     field = touch.skin_stress_pa(states, x_mm, z_mm)
+    across_mm, along_mm = (axis.ravel() for axis in np.meshgrid(x_mm, z_mm))
+    nearest_mm = touch.contact.nodes.pad.clipped(across_mm, along_mm)
+    beside = np.hypot(nearest_mm[0] - across_mm, nearest_mm[1] - along_mm) > _GRID_MM
+    beside = beside.reshape(field.shape[1:])
     margin = 0.5 * _GRID_MM
     edges = (x_mm[0] - margin, x_mm[-1] + margin, z_mm[0] - margin, z_mm[-1] + margin)
-    return field, (float(edges[0]), float(edges[1]), float(edges[2]), float(edges[3]))
+    extent = float(edges[0]), float(edges[1]), float(edges[2]), float(edges[3])
+    return field, extent, beside

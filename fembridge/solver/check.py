@@ -178,6 +178,8 @@ class DeckCheck:
             more = f" and {len(loads) - 1} more" if len(loads) > 1 else ""
             target = f"{first['card']}, {first['target']},{first['label']}"
             return f"waveform: {target} in step {first['step']}{more}"
+        if not driven and not self._inspection.steps and self.passed:
+            return "waveform: none, the deck has no step; fembridge pad takes such a model"
         if not driven:
             return "waveform: no displacement that it could replace is chosen"
         first = driven[0]
@@ -233,7 +235,7 @@ def duration_text(seconds: float) -> str:
 
 def check(
     path: str | os.PathLike[str],
-    stimulus: Stimuli = DEFAULT_STIMULUS,
+    stimulus: Stimuli | None = None,
     *,
     afferents: Afferents | None = None,
     amplitude: str | None = None,
@@ -250,15 +252,16 @@ def check(
     """Contents, problems and warnings of a base deck; nothing is solved or written.
 
     The options are those of `rebase_deck`. A deck that leaves its motion open has a problem that
-    names the choices. If CalculiX is installed it reads the deck without analysis.
+    names the choices. If CalculiX is installed it reads the deck without analysis. A .inp without
+    a step is a model for a pad: that it takes no waveform is a problem only with a `stimulus`.
 
     Parameters
     ----------
     path
         A .inp of CalculiX or Abaqus, or a .dat of Marc.
     stimulus
-        Waveform of the trial and of the forecast; of several the first. Default:
-        ``"sine_20_250"``, 250 ms.
+        Waveform of the trial and of the forecast; of several the first. Default: None,
+        ``"sine_20_250"``, 250 ms, for a deck with a step.
     afferents
         Nodes of each afferent class, as in `rebase_deck`. Default: None, no node is checked.
     amplitude, move, step
@@ -303,7 +306,8 @@ def check(
     from fembridge.solver.afferents import afferent_nodes
     from fembridge.solver.loads import in_scale, load_scale
 
-    [first, *_] = resolve_stimuli(stimulus, preindent_um, loads=True)
+    requested = DEFAULT_STIMULUS if stimulus is None else stimulus
+    [first, *_] = resolve_stimuli(requested, preindent_um, loads=True)
     load = load_scale(newton_per_um, mpa_per_um, [first])
     first = in_scale(first, load)
     base = read_base_deck(Path(path), target)
@@ -323,7 +327,8 @@ def check(
     try:
         rebased = rebased_deck(base, first, request)
     except DeckError as error:
-        inspection.problems.append(Finding("waveform", f"the deck takes no waveform: {error}"))
+        if stimulus is not None or not _has_no_step(base):
+            inspection.problems.append(Finding("waveform", f"the deck takes no waveform: {error}"))
     else:
         inspection.warnings += [Finding("waveform", doubt) for doubt in rebased.doubts]
     if base.solver == "calculix":
@@ -354,6 +359,16 @@ def inspect(base: BaseDeck, request: Request) -> Inspection:
         return inspect_inp(base.data, request, dialect=base.solver, resolver=resolver)
     except DeckError as error:
         raise DeckError.from_error(error, base.path) from error
+
+
+def _has_no_step(base: BaseDeck) -> bool:
+    """Whether a .inp, read with all its files, is a model without a step."""
+    from decks.inp import folder_resolver, read_inp
+
+    if base.solver == "marc":
+        return False
+    deck = read_inp(base.data, resolver=folder_resolver(base.path))
+    return not deck.unread and not any(b.keyword in ("STEP", "ENDSTEP") for b in deck.blocks)
 
 
 def _add_solver_messages(inspection: Inspection, base: BaseDeck) -> None:

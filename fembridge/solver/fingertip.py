@@ -29,6 +29,8 @@ class FingertipDeck:
         Numbers of nodes and elements.
     skin_faces
         Number of faces of the surface SKIN.
+    apex_node
+        Number of the node at the apex of the pad.
     afferents
         Number of nodes of the set of each class, as AFFERENTS_SA.
     worst_scaled_jacobian
@@ -41,6 +43,7 @@ class FingertipDeck:
     nodes: int
     elements: int
     skin_faces: int
+    apex_node: int
     afferents: dict[str, int]
     worst_scaled_jacobian: float
 
@@ -106,6 +109,7 @@ def write_fingertip(
         nodes=len(mesh.node_mm),
         elements=len(mesh.tet),
         skin_faces=len(mesh.skin),
+        apex_node=mesh.apex + 1,
         afferents={name: len(rows) for name, rows in mesh.afferents.items()},
         worst_scaled_jacobian=float(mesh.scaled_jacobian().min()),
     )

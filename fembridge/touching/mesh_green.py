@@ -53,6 +53,8 @@ AGREEMENT = 1e-6
 # Unit forces that are solved at once.
 _FORCES_AT_ONCE = 96
 _PROGRESS_S = 10.0
+# With less of a task done the rest is not estimated.
+_LEAST_SHARE = 0.02
 _AXES = 3
 # Cards of a material, after which another part of the deck begins.
 _OF_A_MATERIAL = (
@@ -243,7 +245,7 @@ class _Progress:
     def __call__(self, share: float) -> None:
         """Log `share`, if it is time."""
         now_s = time.monotonic()
-        if now_s - self._last_s > _PROGRESS_S and share > 0:
+        if now_s - self._last_s > _PROGRESS_S and share > _LEAST_SHARE:
             left_s = (now_s - self._begin_s) * (1 - share) / share
             _LOGGER.info(f"{self._task}: {share:.0%}, about {left_s:.0f} s left")
             self._last_s = now_s

@@ -44,7 +44,7 @@ _LEAST_QUADRATIC, _NEAREST, _RIDGE = 15, 0.02, 1e-7
 # Directions in which the points of a fit lie closer than this share of their spread do not count.
 _FLAT_SHARE = 0.15
 # Steps to the place of the skin over a point.
-_FOOT_STEPS = 12
+_FOOT_STEPS, _ON_SKIN_MM = 12, 1e-6
 # A unit may be this share of its depth above or below the points with stress.
 _DEPTH_SHARE = 0.1
 # Triangles are sampled at so many places along an edge to find the first touch.
@@ -116,6 +116,9 @@ class MeshPad(Pad):
         Names of the layers.
     sites
         Sites of the afferents by class.
+    outline_mm
+        Outline of the model on the map: x and z in mm of both ends of each piece, ``(L, 4)``.
+        Default: none.
     origin
         How the pad was computed. Default: nothing.
     source, sha256
@@ -140,6 +143,7 @@ class MeshPad(Pad):
     stress_scale_pa: FloatArray
     layers: tuple[str, ...]
     sites: Mapping[str, MeshSite]
+    outline_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
     origin: Mapping[str, Any] = field(default_factory=dict)
     source: str = ""
     sha256: str = ""
@@ -284,6 +288,10 @@ class MeshPad(Pad):
     def normal_at(self, x_mm: FloatArray, z_mm: FloatArray) -> FloatArray:
         """Outward normal of the skin, ``(P, 3)``, see `Pad`."""
         return self._surface.at(np.stack([x_mm, z_mm], -1))[1]
+
+    def outline(self) -> FloatArray:
+        """Outline of the model on the map, see `Pad`."""
+        return self.outline_mm
 
     # ---- Afferents
 
@@ -545,6 +553,22 @@ class MappedSkin:
             depth_mm = np.einsum("pi,pi->p", skin_mm - points_mm, normal)
             places_mm += (points_mm - (skin_mm - depth_mm[:, None] * normal))[:, [0, 2]]
         return places_mm, depth_mm
+
+    def places_below(self, points_mm: FloatArray, share: float) -> tuple[BoolArray, FloatArray]:
+        """Whether points ``(P, 3)`` lie below the skin that the map shows, and how deep in mm.
+
+        Parameters
+        ----------
+        points_mm
+            Points in the frame of the map.
+        share
+            Largest distance of the foot's normal from the point, by its depth.
+        """
+        places_mm, depth_mm = self.below(points_mm)
+        skin_mm, normal = self.at(places_mm)
+        away_mm = np.linalg.norm(skin_mm - depth_mm[:, None] * normal - points_mm, axis=1)
+        inside = ~np.isnan(self._inside(places_mm)[:, 0])
+        return np.asarray(inside & (away_mm <= share * np.abs(depth_mm) + _ON_SKIN_MM)), depth_mm
 
 
 def _rows(nodes: SkinNodes) -> IntArray:

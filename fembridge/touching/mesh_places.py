@@ -5,8 +5,9 @@ the skin, or at nodes of the model. Stress there is a moving quadratic fit to sa
 the elements of one layer: nothing is averaged over two layers.
 """
 
+import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
@@ -22,6 +23,8 @@ from fembridge.typing import BoolArray, FloatArray, IntArray
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
+_LOGGER = logging.getLogger(__name__)
+
 # Samples around a place whose stress counts, of linear tetrahedra, in which stress is constant and
 # jumps more, and of others; how far from one of them a place has stress, by their distance.
 _FIT_OF_TETRAHEDRA, _FIT_SAMPLES, _FIT_DISTANCES = 64, 32, 1.5
@@ -29,10 +32,16 @@ _FIT_OF_TETRAHEDRA, _FIT_SAMPLES, _FIT_DISTANCES = 64, 32, 1.5
 _POINT_DISTANCES = 0.9
 # Points are thinned for a file of this size; bytes of a stored number of stress, and of
 # displacement, as measured.
-_MOST_BYTES, _STRESS_BYTES, _DISPLACEMENT_BYTES = 95e6, 1.5, 3.7
+_MOST_BYTES, _STRESS_BYTES, _DISPLACEMENT_BYTES = 95e6, 1.27, 1.9
 _LEAST_POINTS = 200
 # Skin that is steeper than this (66 degrees) is not on the map.
 _LEAST_MAP_COSINE = 0.4
+# A node of a set lies below the skin if the way to its foot ends at it, to this share of the depth.
+_FOOT_SHARE = 0.05
+# A node set of one node at the middle of the map.
+_APEX_SET = "APEX"
+# Faces that are steeper than this (cosine, nearly upright) do not look outwards.
+_UPRIGHT_COSINE = 1e-6
 
 Sampled = TypeVar("Sampled")
 
@@ -45,6 +54,7 @@ class PadSkin:
     """Nodes that may touch: `row` in the model, and their skin in the frame of the map.
 
     `axes` ``(3, 3)`` are across, outwards and along in the model; the map begins at `middle_mm`.
+    `outline_mm` ``(L, 4)`` is the outline of the whole model on the map.
     """
 
     row: IntArray
@@ -54,6 +64,7 @@ class PadSkin:
     normal: FloatArray
     area_mm2: FloatArray
     triangles: IntArray
+    outline_mm: FloatArray
 
     def to_map(self, position_mm: FloatArray) -> FloatArray:
         """Positions ``(P, 3)`` in the axes of the model, in the frame of the map."""
@@ -108,8 +119,12 @@ def pad_skin(
         np.add.at(normal, skin.triangles[:, place], twice)
         np.add.at(area_mm2, skin.triangles[:, place], np.linalg.norm(twice, axis=1) / 6)
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+    apex = _apex(model, skin_map)
+    if apex is not None and skin_map.outward is None and apex in skin.rows:
+        x, y, z = normal[np.searchsorted(skin.rows, apex)].tolist()
+        skin_map = replace(skin_map, outward=(x, y, z))
     axes = _axes(skin_mm, area_mm2, normal, skin_map)
-    if skin_map.apex is None:
+    if apex is None:
         mean_mm = area_mm2 @ skin_mm / area_mm2.sum()
         offset = skin_mm - mean_mm
         aside_mm = np.linalg.norm(offset - (offset @ axes[1])[:, None] * axes[1], axis=1)
@@ -118,7 +133,7 @@ def pad_skin(
             offset[np.where(above, aside_mm, np.inf).argmin()] @ axes[1]
         )
     else:
-        middle_mm = position_mm[_row_of(model, skin_map.apex)]
+        middle_mm = position_mm[apex]
     mapped = (skin_mm - middle_mm) @ axes.T
     near = np.linalg.norm(mapped, axis=1) <= (skin_map.reach_mm or np.inf)
     selected: BoolArray = np.asarray(free & near)
@@ -135,7 +150,24 @@ def pad_skin(
         normal=(normal @ axes.T)[selected],
         area_mm2=area_mm2[selected],
         triangles=triangles,
+        outline_mm=_outline(model.whole_skin(), (position_mm - middle_mm) @ axes.T),
     )
+
+
+def _outline(whole: Skin, mapped_mm: FloatArray) -> FloatArray:
+    """Edges between faces that look outwards and others, ``(L, 4)``: x, z of both ends."""
+    corner = mapped_mm[whole.rows][whole.triangles]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    length = np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
+    outwards = normal[:, 1] > _UPRIGHT_COSINE * length
+    edges = np.concatenate(
+        [whole.triangles[outwards][:, pair] for pair in ((0, 1), (1, 2), (2, 0))]
+    )
+    edges.sort(axis=1)
+    single, count = np.unique(edges, axis=0, return_counts=True)
+    ends_mm = mapped_mm[whole.rows[single[count == 1]]]
+    outline: FloatArray = ends_mm[:, :, [0, 2]].reshape(-1, 4)
+    return outline
 
 
 def _axes(
@@ -165,7 +197,12 @@ def _axes(
     return np.stack([np.cross(outward, along), outward, along])
 
 
-def _row_of(model: SolidModel, node: int) -> int:
+def _apex(model: SolidModel, skin_map: SkinMap) -> int | None:
+    """Row of the node at the middle of the map: of `skin_map`, or of the node set APEX."""
+    named = model.node_sets.get(_APEX_SET, np.zeros(0, dtype=np.int64))
+    node = int(named[0]) if skin_map.apex is None and named.size == 1 else skin_map.apex
+    if node is None:
+        return None
     rows = model.rows_of(np.array([node]))
     if not rows.size:
         raise DeckError(f"no *NODE of the deck defines node {node}", argument="apex", found=node)
@@ -289,9 +326,18 @@ def _places(
             problem = f"no node set {request.set_name!r}; the deck has {available}"
             raise DeckError(problem, argument="afferents", found=request.set_name)
         rows = model.rows_of(model.node_sets[name])
-        position_mm = model_mm[rows]
-        _, depth_mm = MappedSkin(skin.position_mm, skin.normal).below(skin.to_map(position_mm))
-        return _section_of_nodes(model, rows), name, position_mm, np.maximum(depth_mm, 0.0)
+        mapped = MappedSkin(skin.position_mm, skin.normal)
+        below, depth_mm = mapped.places_below(skin.to_map(model_mm[rows]), _FOOT_SHARE)
+        if not below.any():
+            problem = f"no node of {request.set_name} lies below the skin that may be touched"
+            raise DeckError(problem, argument="afferents", found=request.set_name)
+        if not below.all():
+            _LOGGER.info(
+                f"{request.set_name}: {(~below).sum()} of {rows.size} nodes are not below the skin "
+                "that may be touched, or below its steep part: left out"
+            )
+        rows, depth_mm = rows[below], np.maximum(depth_mm[below], 0.0)
+        return _section_of_nodes(model, rows), name, model_mm[rows], depth_mm
     facing = np.flatnonzero(skin.normal[:, 1] > _LEAST_MAP_COSINE)
     selected = _thinned(
         skin.position_mm[facing][:, [0, 2]], skin.spacing_mm, max(int(most), _LEAST_POINTS)
@@ -392,6 +438,7 @@ def pad_of_responses(
         normal=skin.normal,
         area_mm2=skin.area_mm2,
         triangles=skin.triangles,
+        outline_mm=skin.outline_mm,
         is_end=skin.is_end,
         down_mm=np.ascontiguousarray(
             down_mm.reshape(nodes, 3, nodes).transpose(1, 2, 0), dtype=np.float32

@@ -325,6 +325,13 @@ class Pad(ABC):
             The shape is nowhere over the part of the pad that may be touched.
         """
 
+    outline_ends: ClassVar[bool] = True
+    """Whether the finger ends where its outline does; the outline of a prism goes on."""
+
+    @abstractmethod
+    def outline(self) -> FloatArray:
+        """Outline of the finger on the map: x, z of both ends of each piece, ``(L, 4)`` in mm."""
+
     # ---- Afferents
 
     @property

@@ -23,6 +23,7 @@ from fembridge.errors import FingerError, ResponseError, UsageError
 from fembridge.host.store import near_hint, replacing, structure
 from fembridge.io.npz import NpzFile
 from fembridge.io.number import parse_number
+from fembridge.touching.mesh_pad import MeshPad
 from fembridge.touching.mesh_pad_file import read_mesh_pad
 from fembridge.touching.pad import Pad
 from fembridge.touching.prism_pad import PrismPad, StressRow
@@ -167,11 +168,11 @@ def resolve_pad(pad: str | Path | Pad) -> Pad:
 
 
 @cache
-def _stored(path: Path) -> PrismPad:
+def _stored(path: Path) -> Pad:
     """A stored pad, read once."""
     pad = read_pad(path)
-    if not isinstance(pad, PrismPad):
-        raise ResponseError(f"{path}: not the pad of a finger")
+    if not isinstance(pad, PrismPad | MeshPad):
+        raise ResponseError(f"{path}: neither the pad of a finger nor of a mesh")
     return replace(pad, source=path.stem)
 
 

@@ -14,9 +14,11 @@ class SkinMap:
     Parameters
     ----------
     apex
-        Node at the middle of the map. Default: None, the skin nearest to its mean position.
+        Node at the middle of the map. Default: None, that of the node set APEX if the deck has
+        one, else the skin nearest to its mean position.
     outward
-        Direction out of the skin at the middle. Default: None, the mean normal of the skin.
+        Direction out of the skin at the middle. Default: None, the normal of the skin at the
+        apex, without one its mean normal.
     along
         Direction along the finger, towards its tip. Default: None, the longest direction of the
         skin.

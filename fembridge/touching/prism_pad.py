@@ -361,6 +361,13 @@ class PrismPad(Pad):
             )
         return least
 
+    outline_ends: ClassVar[bool] = False
+
+    def outline(self) -> FloatArray:
+        """The sides of the finger, see `Pad`."""
+        half_width_mm, end_mm = self.finger.outline.half_width_mm, 2 * self.half_length_mm
+        return np.array([[x, -end_mm, x, end_mm] for x in (-half_width_mm, half_width_mm)])
+
     # ---- Afferents
 
     @property

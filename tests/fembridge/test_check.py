@@ -292,3 +292,19 @@ def test_a_finger_file_in_kpa_triggers_a_warning_before_anything_is_solved(tmp_p
     with pytest.warns(FembridgeWarning) as caught:
         read_finger(str(path))
     assert "in kPa" in str(caught[0].message)
+
+
+def test_a_deck_without_a_step_has_a_problem_only_with_a_waveform(tmp_path, capsys):
+    model = DECK.format(young=0.05, c10=0.3, gravity=9810.0).partition("*STEP")[0]
+    (tmp_path / "model.inp").write_text(model)
+    result = fb.check(tmp_path / "model.inp")
+    assert result.passed and not result.changes and not result.cost
+    assert result.steps.empty and len(result.parts) == 2
+    (problem,) = fb.check(tmp_path / "model.inp", "sine_20_250").problems
+    assert problem.topic == "waveform"
+    assert main(["check", str(tmp_path / "model.inp")]) == 0
+    assert main(["check", str(tmp_path / "model.inp"), "--stimulus", "sine_20_250"]) == 1
+    for broken in ("*END STEP\n", "*INCLUDE, INPUT=absent.inp\n"):
+        (tmp_path / "model.inp").write_text(model + broken)
+        assert not fb.check(tmp_path / "model.inp").passed
+    capsys.readouterr()

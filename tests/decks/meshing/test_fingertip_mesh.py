@@ -96,9 +96,9 @@ def test_afferents_of_the_pad_are_below_the_pad(mesh):
 
 def test_bone_and_outer_nail_are_held(mesh):
     bone = np.unique(mesh.tet[mesh.layer == LAYERS.index("bone")])
-    assert np.isin(bone, mesh.held).all()
-    assert np.isin(mesh.tet[mesh.nail, :3], mesh.held).all()
-    assert not np.isin(mesh.tet[mesh.pad], mesh.held).any()
+    assert np.isin(bone, mesh.fixed).all()
+    assert np.isin(mesh.tet[mesh.nail, :3], mesh.fixed).all()
+    assert not np.isin(mesh.tet[mesh.pad], mesh.fixed).any()
 
 
 def test_the_same_fingertip_gives_the_same_deck_and_linear_elements_the_same_corners(mesh):

@@ -1,5 +1,6 @@
 """The pad of a mesh: closed forms of a half-space, directions of shapes, its file, its parts."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from fembridge.errors import DeckError, FembridgeWarning, ResponseError, UsageEr
 from fembridge.response.response_map import write_map
 from fembridge.touching.contact import press_to
 from fembridge.touching.mesh_pad import MappedSkin, fit_weights
+from fembridge.touching.pad_file import checksum
 from fembridge.touching.shape import Shape
 from fembridge.touching.stress import pad_response, sa_stress_pa, von_mises_pa
 from tests.fembridge.touching.mesh_models import YOUNG_MPA, block_deck, half_space
@@ -158,14 +160,17 @@ def test_a_pad_comes_back_from_its_file_and_an_altered_one_does_not(tmp_path):
     path = tmp_path / "pad.npz"
     PAD.write(path)
     again = fb.Pad.read(path)
-    assert_allclose(again.down_mm, PAD.down_mm)
+    assert_allclose(again.down_mm, PAD.down_mm, rtol=2**-15)
     for part in np.ndindex(PAD.stress.shape[:2]):  # as a whole it takes half a gigabyte
         ours, theirs = (stress[part].astype(np.float32) for stress in (again.stress, PAD.stress))
-        assert_allclose(ours, theirs, rtol=4e-3, atol=1e-6)
+        assert_allclose(ours, theirs, rtol=2**-6, atol=1e-6)
     assert again.sites == PAD.sites and again.layers == PAD.layers
     with np.load(path) as stored:
         arrays = dict(stored)
     for name, altered in (
+        ("mirror_node", np.roll(arrays["mirror_node"], 1)),
+        ("mirror_point", arrays["mirror_point"] + 1),
+        ("mirror_node", np.arange(PAD.node.size)),
         ("down_mm", 1.01 * arrays["down_mm"]),
         ("triangles", arrays["triangles"][:-1]),
         ("stress", arrays["stress"][:, :5]),
@@ -173,6 +178,66 @@ def test_a_pad_comes_back_from_its_file_and_an_altered_one_does_not(tmp_path):
         np.savez_compressed(path, **{**arrays, name: altered})
         with pytest.raises(ResponseError, match=str(path)):
             fb.Pad.read(path)
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 20.0])
+def test_a_pad_that_is_its_own_mirror_image_is_stored_by_half(tmp_path, turn_deg):
+    """Forces along the tangents change their sign across the finger, shear with x too."""
+    rng = np.random.default_rng(6)
+    pad = half_space(nodes=9, turn_deg=turn_deg)
+    image = cKDTree(pad.position_mm).query(pad.position_mm * [-1.0, 1.0, 1.0])[1]
+    points = cKDTree(pad.point_mm).query(pad.point_mm * [-1.0, 1.0, 1.0])[1]
+    down_mm, stress = pad.down_mm.copy(), pad.stress.copy()
+    for force, sign in ((0, -1.0), (2, 1.0)):
+        table = rng.normal(size=down_mm[0].shape)
+        down_mm[force] = table + sign * table[image][:, image]
+        for component, turned in enumerate((1, 1, 1, -1, 1, -1)):
+            table = rng.uniform(-0.4, 0.4, size=stress[0, 0].shape)
+            stress[force, component] = table + sign * turned * table[points][:, image]
+    replace(pad, down_mm=down_mm, stress=stress).write(tmp_path / "pad.npz")
+    again = fb.Pad.read(tmp_path / "pad.npz")
+    with np.load(tmp_path / "pad.npz") as stored:
+        shapes = stored["down_mm"].shape, stored["stress"].shape
+    half = (45, 45 * 3) if turn_deg == 0 else (81, 81 * 3)
+    assert shapes == ((3, 81, half[0]), (3, 6, half[1], 81))
+    assert_allclose(again.down_mm, down_mm, rtol=2**-6)
+    assert_allclose(again.stress.astype(float), stress.astype(float), rtol=2**-6, atol=1e-6)
+
+
+def test_two_layers_may_share_their_points_in_a_pad_that_is_its_own_mirror_image(tmp_path):
+    pad = half_space(nodes=5, depths_mm=(0.5,))
+    shared = replace(
+        pad,
+        point_mm=np.tile(pad.point_mm, (2, 1)),
+        point_layer=np.repeat([0, 1], 25),
+        point_depth_mm=np.full(50, 0.5),
+        layers=("RUBBER", "SAME"),
+        stress=np.concatenate([pad.stress, pad.stress], axis=2),
+        stress_scale_pa=np.tile(pad.stress_scale_pa, (1, 1, 2, 1)),
+    )
+    shared.write(tmp_path / "pad.npz")
+    with np.load(tmp_path / "pad.npz") as stored:
+        assert stored["stress"].shape == (3, 6, 2 * 15, 25)
+    again = fb.Pad.read(tmp_path / "pad.npz")
+    assert_allclose(again.stress.astype(float), shared.stress.astype(float), rtol=2**-6, atol=1e-6)
+
+
+def test_a_file_of_the_first_format_is_read(tmp_path):
+    whole = half_space(nodes=9, turn_deg=20.0)
+    path = tmp_path / "first.npz"
+    whole.write(path)
+    with np.load(path) as stored:
+        arrays = {
+            name: array
+            for name, array in stored.items()
+            if name not in ("mirror_node", "mirror_point", "outline_mm", "sha256")
+        }
+    about = json.loads(str(arrays.pop("about"))) | {"format": 1}
+    text = json.dumps(about, sort_keys=True)
+    np.savez_compressed(path, about=text, sha256=checksum(text, arrays), **arrays)
+    again = fb.Pad.read(path)
+    assert_allclose(again.down_mm, whole.down_mm, rtol=2**-15)
+    assert again.outline_mm.shape == (0, 4)
 
 
 # ---- Its parts
