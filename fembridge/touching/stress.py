@@ -35,7 +35,7 @@ from fembridge.typing import FloatArray, IntArray, SingleArray
 if TYPE_CHECKING:
     pass
 
-SA_NU = 0.05
+SA_NU = 0.07
 # The pin, and how deep it is where k is found.
 PIN_MM, _PIN_UM = 1.0, 200.0
 # Depths of the response map: few enough that nodes which come into contact one by one leave
