@@ -2,7 +2,7 @@
 
 ``python -m benchmarks.shipped_sets observed_sine_rates.csv -o FOLDER`` fits each class on the
 stored response of the ``quick`` finger and under a pin of 1 mm on the stored pad, to rates of
-sinusoids, thresholds and timing, and writes both sets into FOLDER; 15 minutes on one core with
+sinusoids, thresholds and timing, and writes both sets into FOLDER; half an hour on one core with
 numba. The observed rates may not be distributed.
 """
 
@@ -54,6 +54,7 @@ def main():
                 targets=TARGETS,
                 search=Search(evaluations=EVALUATIONS[afferent], rule=rule),
                 preindent_um=PREINDENT_UM,
+                held_out=response is None,
                 output=output,
             )
             print(fit)

@@ -54,11 +54,15 @@ def test_four_verbs_without_options_are_one(here, logged):
     assert main(["encode", "traces.csv", "--no-raster", "-o", "encoded"]) == 0
 
     assert len(spikes) > 10
-    pandas.testing.assert_frame_equal(spikes, at_once.spikes)
+    # Of the transient, stress between samples is interpolated: a spike may move by one step.
+    step_ms = parameter_set("fitted").parameters["SA"].dt_ms
+    pandas.testing.assert_frame_equal(spikes, at_once.spikes, rtol=0, atol=1.5 * step_ms)
     at_once.write("out")
     assert tomllib.loads((here / "out/simulation.toml").read_text("utf-8"))["source"] == "CalculiX"
-    for table in ("spikes.csv", "rates.csv"):
-        assert (here / "encoded" / table).read_bytes() == (here / "out" / table).read_bytes()
+    assert (here / "encoded/rates.csv").read_bytes() == (here / "out/rates.csv").read_bytes()
+    written = pandas.read_csv(here / "encoded/spikes.csv")
+    expected = pandas.read_csv(here / "out/spikes.csv")
+    pandas.testing.assert_frame_equal(written, expected, rtol=0, atol=1.5 * step_ms)
 
 
 @pytest.mark.parametrize(

@@ -244,9 +244,11 @@ def test_a_trace_of_the_map_is_that_of_a_transient(here, load, before, options, 
     for transient, trace in zip(solved, simulation.traces[0], strict=True):
         assert (trace.afferent, trace.unit) == (transient.afferent, transient.unit)
         peak_pa = transient.stress_pa.max()
-        difference = np.abs(trace.stress_pa - transient.stress_pa).max() / peak_pa
+        difference = np.abs(trace.stress_pa[::5] - transient.stress_pa).max() / peak_pa
         assert 100 * difference < TOLERANCE_PERCENT
-    assert simulation.rates.equals(fb.encode(run, parameters="fitted").rates)
+    rates = fb.encode(run, parameters="fitted").rates  # stress between samples is interpolated
+    assert_allclose(rates.pop("rate_ips"), simulation.rates.rate_ips, rtol=0.02, atol=1.0)
+    assert rates.equals(simulation.rates.drop(columns="rate_ips"))
 
 
 @pytest.mark.solver
