@@ -26,6 +26,7 @@ from decks.stimuli import (
 )
 from fembridge.errors import StimulusError
 from fembridge.stimulus import Stimulus
+from fembridge.trace import resample
 from fembridge.typing import FloatArray
 
 SAMPLES = round(DURATION_MS / DT_MS) + 1
@@ -118,7 +119,7 @@ def make_stimulus(
 def band_noise(entry: Noise, rng: np.random.Generator, finer: int = 1) -> FloatArray:
     """Gaussian noise in the band of `entry`, ``(500 finer + 1,)`` in um, before rounding.
 
-    With `finer` above 1 there are so many samples per 0.5 ms, by zero padding of the spectrum.
+    With `finer` above 1 there are that many samples per 0.5 ms, by zero padding of the spectrum.
 
     Notes
     -----
@@ -167,7 +168,8 @@ def _duration_ms(entry: Entry) -> float:
 def at_step(stimulus: Stimulus, dt_ms: float) -> Stimulus:
     """`stimulus` with a sample every `dt_ms`, or unchanged if its step is as fine.
 
-    Stimuli of the catalogue are computed anew; other waveforms are interpolated by a cubic spline.
+    Stimuli of the catalogue are computed anew; other waveforms are interpolated by
+    PCHIP, which stays between its samples: the probe goes no deeper.
     The step must be a whole part of that of `stimulus`, otherwise it stays unchanged.
     """
     finer = round(stimulus.dt_ms / dt_ms)
@@ -197,12 +199,8 @@ def _of_catalogue(stimulus: Stimulus, dt_ms: float) -> Stimulus | None:
 
 
 def _interpolated(samples: FloatArray, finer: int) -> FloatArray:
-    from scipy.interpolate import CubicSpline
-
-    count = len(samples)
-    fine: FloatArray = CubicSpline(np.arange(count), samples)(
-        np.arange((count - 1) * finer + 1) / finer
-    )
+    """`samples` with `finer` steps for each of theirs, never beyond them."""
+    _, fine = resample(np.arange(float(len(samples))), samples, 1.0 / finer)
     fine[::finer] = samples
     return fine
 

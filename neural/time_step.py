@@ -20,7 +20,7 @@ from neural.parameters import AfferentParameters
 
 # Solvers print times with six digits or more, so a step may be off by this share. At
 # 250 ms this is 0.025 ms, a twentieth of a sample.
-_STEP_TOLERANCE = 1.0e-4
+STEP_TOLERANCE = 1.0e-4
 
 # Samples before and after an interval that determine its polynomial.
 _BEFORE, _AFTER = 3, 3
@@ -41,7 +41,7 @@ def step_ratio(parameters: AfferentParameters, dt_ms: float) -> tuple[int, int]:
     step_ms = parameters.dt_ms
     if 0 < dt_ms < math.inf:
         finer, coarser = max(1, round(dt_ms / step_ms)), max(1, round(step_ms / dt_ms))
-        fits = abs(dt_ms * coarser - step_ms * finer) <= _STEP_TOLERANCE * step_ms * finer
+        fits = abs(dt_ms * coarser - step_ms * finer) <= STEP_TOLERANCE * step_ms * finer
         if fits and (finer == 1 or model_of(parameters).any_step):
             return finer, coarser
     raise ParameterError(

@@ -66,7 +66,7 @@ from fembridge.typing import FloatArray, Table
 from fembridge.version import __version__
 from neural import Parameters, ParameterSet, mean_rate_ips, parameter_set
 from neural.parameters import DT_MS
-from neural.time_step import fits_step
+from neural.time_step import STEP_TOLERANCE, fits_step
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -81,7 +81,6 @@ _LOGGER = logging.getLogger(__name__)
 # factor has another unit.
 _TYPICAL_PA = {"SA": 3e4, "RA": 3e4, "PC": 1e3}
 _UNIT_FACTOR = 300.0
-_STEP_TOLERANCE = 1.0e-4
 _MAX_PA = 1.0e30  # beyond, sums in the equations of an afferent may be infinite
 _MAX_ROWS = 60  # largest number of units with a row each in the raster
 _EXPECTED = (
@@ -618,7 +617,7 @@ def _prepare_traces(
         fits = fits_step(parameters[afferent], dt_ms)
         # Between samples of 0.5 ms, the step of the paper, the encoder interpolates well.
         is_fine = fits and step_ms < dt_ms <= DT_MS
-        if abs(dt_ms - step_ms) > _STEP_TOLERANCE * step_ms and not is_fine:
+        if abs(dt_ms - step_ms) > STEP_TOLERANCE * step_ms and not is_fine:
             warning = doubt_of_step(stress_pa, dt_ms, step_ms)
             other_steps.setdefault((dt_ms, step_ms), []).append(warning)
             if not fits:

@@ -18,8 +18,9 @@ from decks.stimuli import (
     Sine,
     resolve,
 )
-from decks.synthesis import MARGIN_SAMPLES, band_noise, make_stimulus
+from decks.synthesis import MARGIN_SAMPLES, at_step, band_noise, make_stimulus
 from fembridge.errors import StimulusError
+from fembridge.stimulus import Stimulus
 
 
 def ids_of(words):
@@ -276,3 +277,24 @@ def test_a_ramp_goes_straight_from_corner_to_corner():
     assert_allclose(steps[700:800], -3.0)
     assert_allclose(steps[800:], 0.0)
     assert (wave.displacement_um[0], wave.deepest_um, steps.size) == (75.0, 375.0, 1000)
+
+
+@pytest.mark.parametrize("name", ["sine_300_50", "diharm_50_500_125", "noise_25_250_10"])
+def test_a_finer_stimulus_of_the_catalogue_is_computed_and_has_the_same_samples(name):
+    coarse = make_stimulus(name, 75.0)
+    fine = at_step(coarse, 0.1)
+    assert (fine.dt_ms, fine.displacement_um.size) == (0.1, 2501)
+    np.testing.assert_array_equal(fine.displacement_um[::5], coarse.displacement_um)
+    np.testing.assert_array_equal(
+        fine.displacement_um, make_stimulus(name, 75.0, dt_ms=0.1).displacement_um
+    )
+
+
+def test_a_finer_waveform_goes_no_deeper_than_its_samples():
+    step_um = np.where(np.arange(101) > 50, 250.0, 0.0)
+    coarse = Stimulus("step", step_um, 0.5, (0.0, 50.0), aside_um=np.arange(101.0))
+    fine = at_step(coarse, 0.1)
+    assert (fine.displacement_um.min(), fine.displacement_um.max()) == (0.0, 250.0)
+    np.testing.assert_array_equal(fine.displacement_um[::5], step_um)
+    np.testing.assert_allclose(fine.aside_um, np.arange(501) / 5.0, atol=1e-9)
+    assert at_step(coarse, 0.5) is coarse
