@@ -145,9 +145,7 @@ class FitProblem:
             for rises_or_falls in coefficients
         )
         by_position = np.asarray(counts).reshape(len(values), self.cells, -1, self.positions)
-        return np.moveaxis(by_position, 3, 2).reshape(
-            len(values), self.cells * self.positions, -1
-        )
+        return np.moveaxis(by_position, 3, 2).reshape(len(values), self.cells * self.positions, -1)
 
     def spikes(
         self, stress_pa: FloatArray, values: FloatArray
@@ -227,11 +225,12 @@ class ThresholdTarget:
     """Observed threshold amplitudes of one class.
 
     `stress_pa` ``(T, threshold, amplitude)`` or ``(T, threshold, amplitude, position)`` is the
-    stress under vibrations of `amplitudes_um` ``(threshold, amplitude)``, ascending, around each of `observed_um`
-    ``(threshold,)``. An amplitude reaches the threshold with `needed` spikes in its window.
+    stress under vibrations of `amplitudes_um` ``(threshold, amplitude)``, ascending, around each
+    of `observed_um` ``(threshold,)``. An amplitude reaches the threshold with `needed` spikes in
+    its window.
     The threshold of a cell is the geometric mean of the last amplitude below it and the
-    first that reaches it; the model's is the geometric mean over cells and positions. The error is the
-    largest squared logarithm of model over observed. With the mean error, a search would
+    first that reaches it; the model's is the geometric mean over cells and positions. The error
+    is the largest squared logarithm of model over observed. With the mean error, a search would
     accept a few large errors for many smaller ones.
     """
 
@@ -261,9 +260,7 @@ class ThresholdTarget:
             )
         rate_problem = self._rate_problems[key]
         model_values = values[:, : len(rate_problem.free)]
-        spikes = rate_problem.counts(model_values, single).reshape(
-            len(values), -1, count, levels
-        )
+        spikes = rate_problem.counts(model_values, single).reshape(len(values), -1, count, levels)
         below = (np.cumsum(spikes >= self.needed[:, np.newaxis], axis=-1) == 0).sum(axis=-1)
         logs = np.log(self.amplitudes_um)
         step = logs[:, 1:2] - logs[:, :1]
@@ -286,10 +283,10 @@ class TimingTarget:
     """Observed spike times of one class.
 
     `trains_ms` has the recorded trains of each stimulus of `stress_pa` ``(T, stimulus)`` or
-    ``(T, stimulus, position)``. Each train is compared with the nearest cell at any position, whose spikes are delayed by `latency_ms`.
-    The error is the sum of distances per recorded spike: van Rossum's squared (1/2 where
-    no spike has a match within `tau_ms`), or that of Victor and Purpura (1 there), with a
-    cost of 1 to move a spike by `tau_ms`.
+    ``(T, stimulus, position)``. Each train is compared with the nearest cell at any position,
+    whose spikes are delayed by `latency_ms`. The error is the sum of distances per recorded
+    spike: van Rossum's squared (1/2 where no spike has a match within `tau_ms`), or that of
+    Victor and Purpura (1 there), with a cost of 1 to move a spike by `tau_ms`.
     """
 
     stress_pa: FloatArray

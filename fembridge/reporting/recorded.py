@@ -76,9 +76,9 @@ class ModelOnResponse(NamedTuple):
         if cells and parameters.cells > 1:
             parameters = replace(parameters, cells=cells)
         fine = at_step(stimulus, parameters.dt_ms)
-        stress_pa = self.response.stress_pa(parameters, [fine])
-        [cells_ms] = encode_cells(stress_pa, fine.dt_ms, parameters)
-        return cells_ms
+        stress_pa = self.response.stress_pa(parameters, [fine])[:, 0]
+        by_position = encode_cells(stress_pa, fine.dt_ms, parameters)
+        return [times_ms for cells_ms in by_position for times_ms in cells_ms]
 
     def vibration_spikes_ms(
         self, row: Mapping[Any, Any], cells: int = 0
@@ -110,7 +110,7 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """Recorded afferents compared with the judged model and the whole `fingertip`.
+    """Recorded afferents compared with the judged model and the whole `fingertip`, if it is other.
 
     `phases` are shares of the spikes per phase bin, `human` impulses per cycle of human units,
     `distance` RA's amplitudes at distances from a probe, `ramp` spikes under `ramp_stimulus`.
@@ -119,7 +119,7 @@ class Evidence:
     """
 
     judged: Comparison
-    fingertip: Comparison
+    fingertip: Comparison | None
     phases: "DataFrame"
     human: "DataFrame"
     distance: "DataFrame"
@@ -131,11 +131,11 @@ class Evidence:
 
 def gather(
     judged: ModelOnResponse,
-    fingertip: ModelOnResponse,
+    fingertip: ModelOnResponse | None,
     overrides: Mapping[str, Facts] | None = None,
     trains: Sequence[SpikeTrain] = (),
 ) -> Evidence:
-    """Recorded afferents, and both models under the same stimuli.
+    """Recorded afferents, and both models under the same stimuli; None: `judged` is on a pad.
 
     `overrides` replace published tables of the same names; recorded `trains` replace the
     published timing and phases.
@@ -154,10 +154,10 @@ def gather(
     recorded_thresholds = facts[THRESHOLDS].table
     return Evidence(
         judged=_comparison(judged, recorded, recorded_thresholds),
-        fingertip=_comparison(fingertip, recorded, recorded_thresholds),
+        fingertip=fingertip and _comparison(fingertip, recorded, recorded_thresholds),
         phases=_phases(phases, judged),
         human=_human(facts[HUMAN].table, judged),
-        distance=_distance(facts[DISTANCE].table, fingertip.model.parameters),
+        distance=_distance(facts[DISTANCE].table, (fingertip or judged).model.parameters),
         ramp=tuple(
             SpikeTrain(ramp.id, name, times_ms, cell)
             for name in AFFERENTS

@@ -240,7 +240,8 @@ def simulate(
     }
     record = {key: value for key, value in record.items() if value is not None}
     simulation = encode_all(stimuli, traces, neural_set.parameters, record)
-    report_mechanics(neural_set, finger_id(finger_table(skin)), stimuli)
+    depths_um = {item.preindent_um for item in stimuli}
+    report_mechanics(neural_set, finger_id(finger_table(skin)), depths_um)
     return simulation
 
 
@@ -295,5 +296,5 @@ def _from_response(
     }
     record = {key: value for key, value in record.items() if value is not None}
     simulation = encode_all(stimuli, traces, neural_set.parameters, record)
-    report_mechanics(neural_set, model_id(loaded.origin), stimuli)
+    report_mechanics(neural_set, model_id(loaded.origin), {item.preindent_um for item in stimuli})
     return simulation

@@ -67,6 +67,11 @@ class RidgedPad(PrismPad):
         return self.smooth_pad
 
     @property
+    def mechanics(self) -> dict[str, str]:
+        """Name and digest of the finger, and sizes of the ridges."""
+        return {**self.smooth_pad.mechanics, "ridges": self.fingerprint.sizes}
+
+    @property
     def remedy_for_narrow(self) -> str:
         """Finer nodes, for a message."""
         return "a finer grid (--ridges loop:node_mm=0.0625)"

@@ -6,7 +6,6 @@ fire in one pass.
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from fembridge.errors import UsageError, warn
 from fembridge.ranges import Range, check_range
-from fembridge.solver.mechanics import fit_mismatch
+from fembridge.solver.mechanics import report_mechanics
 from fembridge.touching.contact import MOST_UM
 from fembridge.touching.contact_history import contact_warnings, solve_contact
 from fembridge.touching.fingerprint import Fingerprint
@@ -40,8 +39,6 @@ if TYPE_CHECKING:
     from decks.finger import Finger
     from fembridge.io.waveform import WaveformLike
     from fembridge.typing import Table
-
-_LOGGER = logging.getLogger(__name__)
 
 # Friction of skin on the shape (Ishizuka et al., 3.1).
 FRICTION = 0.4
@@ -191,7 +188,8 @@ def touch(
     elif at_mm != (0.0, 0.0) or angle_deg or tuple(tilt_deg) != (0.0, 0.0):
         argument = "angle_deg" if angle_deg else "tilt_deg" if any(tilt_deg) else "at_mm"
         raise UsageError("is for a shape, not for pins", argument=argument)
-    _report_mechanics(selected, skin, path)
+    depths_um = None if path.preindent_um is None else {path.preindent_um}
+    report_mechanics(selected, skin.mechanics, depths_um)
     return touch_skin(
         skin,
         body,
@@ -322,16 +320,3 @@ def _resolve_trajectory(
         expected = "a Trajectory, as Trajectory.press, slide or from_table makes it"
         raise UsageError(argument="trajectory", found=trajectory, expected=expected)
     return trajectory.preindented(preindent_um)
-
-
-def _report_mechanics(parameters: ParameterSet, pad: Pad, trajectory: Trajectory) -> None:
-    """Warn of parameters of other mechanics; otherwise log the pre-indentation."""
-    fit_um = parameters.preindent_um
-    depth_um = fit_um if trajectory.preindent_um is None else trajectory.preindent_um
-    if mismatch := fit_mismatch(parameters, pad.mechanics, {depth_um}):
-        warn(mismatch)
-    elif trajectory.preindent_um:
-        _LOGGER.info(
-            f"pre-indentation: {fit_um:g} um, the depth at which the parameter set "
-            f"{parameters.name} was fitted"
-        )
