@@ -244,6 +244,7 @@ def validate(
     """
     from fembridge.reporting import validation_data
     from fembridge.reporting.validation_page import PAGE, csv_tables, input_record
+    from fembridge.touching.pad_probe import pad_probe
 
     tables = dict(evidence or {})
     spikes = tables.pop("spikes", None)
@@ -262,9 +263,9 @@ def validate(
     models = validation_data.judged_models(parameters)
     if output is not None:
         check_output(Path(output), PAGE)
-    data = validation_data.compute_validation(
-        validation_data.response_of(finger, response, models, pad), models, rates, facts, trains
-    )
+    skin = None if pad is None else pad_probe(pad).skin()
+    solved = validation_data.response_of(finger, response, models, pad)
+    data = validation_data.compute_validation(solved, models, rates, facts, trains, skin)
     result = Validation(csv_tables(data), input_record(data), data)
     if output is not None:
         result.write(output)

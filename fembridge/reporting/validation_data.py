@@ -138,6 +138,7 @@ def compute_validation(
     observed: ObservedRates | None = None,
     facts: Mapping[str, Facts] | None = None,
     trains: Sequence[SpikeTrain] = (),
+    skin: "Pad | None" = None,
 ) -> ValidationData:
     """Results of `models` under the paper's 82 stimuli, on the response of a finger.
 
@@ -153,6 +154,8 @@ def compute_validation(
         Evidence tables by name, instead of the published ones. Default: none.
     trains
         Recorded spikes, instead of the published timing and phases. Default: none.
+    skin
+        Pad of the response, for the distance from a probe. Default: None, the reference pad.
 
     Raises
     ------
@@ -193,7 +196,7 @@ def compute_validation(
         ),
         deflections=deflections,
         convergence=convergence(deflections),
-        evidence=gather(ModelOnResponse(response, judged), fingertip, facts, trains),
+        evidence=gather(ModelOnResponse(response, judged), fingertip, facts, trains, skin),
     )
 
 
