@@ -116,6 +116,41 @@ class ParameterSet:
         table = {"name": self.name, "preindent_um": self.preindent_um}
         return {**table, **parameters_to_table(self.parameters), **({"fit": fit} if fit else {})}
 
+    def to_record(self) -> Table:
+        """Keys of this set in the record of a result: what `from_record` needs."""
+        return {
+            "parameter_set": self.name,
+            "parameters": parameters_to_table(self.parameters),
+            "fitted_at_um": float(self.preindent_um),
+            "fit": self.to_table().get("fit"),
+        }
+
+    @classmethod
+    def from_record(cls, record: Table, source: str) -> "ParameterSet | None":
+        """Parameter set of the record of a result; None where the record names none.
+
+        Parameters
+        ----------
+        record
+            Record with the keys of `to_record`; without a depth that is 0.
+        source
+            Path that a `ParameterError` names.
+
+        Raises
+        ------
+        ParameterError
+            See `from_table`.
+        """
+        name, parameters = record.get("parameter_set"), _part(record, "parameters")
+        if not isinstance(name, str) or not parameters:
+            return None
+        if name in SET_NAMES:
+            shipped = parameter_set(name)
+            if parameters_to_table(shipped.parameters) == parameters:
+                return shipped
+        table = {"name": name, "preindent_um": record.get("fitted_at_um", 0.0), **parameters}
+        return cls.from_table({**table, "fit": record.get("fit", {})}, name, source)
+
     @classmethod
     def from_table(cls, table: Table, name: str, source: str) -> "ParameterSet":
         """Parameter set from the table of a file or of `to_table`.

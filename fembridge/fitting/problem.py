@@ -355,7 +355,7 @@ def response_source(
                 raise UsageError("cannot be combined with a pad", argument=argument)
         from fembridge.touching.pad_probe import pad_probe
 
-        return ResponseSource(pad_probe(pad).response())
+        return ResponseSource(pad_probe(pad).response)
     if response is None:
         return stored_source(finger or "quick")
     if finger is not None:

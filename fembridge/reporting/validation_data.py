@@ -166,10 +166,11 @@ def compute_validation(
     """
     left_out = _left_out(observed)
     judged = models[0]
+    check_mechanics(judged, model_id(response.origin), {judged.preindent_um})
     simulations = {model.name: _simulated(model, response) for model in models}
     fingertip = None
     if "mechanics" not in response.origin:
-        pad, fitted = PadProbe().response(), _model(FINGERTIP_SET)
+        pad, fitted = PadProbe().response, _model(FINGERTIP_SET)
         source = f"{FINGERTIP_SET}, under a flat 1 mm pin on the stored pad: {fitted.source}"
         whole = replace(fitted, name=FINGERTIP, source=source)
         fingertip = ModelOnResponse(pad, whole)
@@ -180,7 +181,6 @@ def compute_validation(
     sources[TOUCHSIM] = touchsim_rates()
     rates = RateTable(sources)
     deflections = stored_deflections()
-    check_mechanics(judged, model_id(response.origin), {judged.preindent_um})
     return ValidationData(
         response=response,
         models=tuple(models),
@@ -227,7 +227,7 @@ def response_of(
     if pad is not None:
         if response is not None:
             raise UsageError("cannot be combined with a pad", argument="response")
-        return pad_probe(pad).response()
+        return pad_probe(pad).response
     if response is not None:
         return load_response(response)
     deepest_um = max(model.preindent_um for model in models) + _STROKE_UM

@@ -500,7 +500,7 @@ def load_response(response: ResponseLike) -> ResponseMap:
         return read_map(Path(response))
     inner = getattr(response, "response", None)
     if not isinstance(inner, ResponseMap):
-        expected = "a ResponseMap, a DeckResponse, or the folder or file of a map"
+        expected = "a ResponseMap, a DeckResponse, a PadProbe, or the folder or file of a map"
         raise UsageError(argument="response", found=response, expected=expected)
     return inner
 

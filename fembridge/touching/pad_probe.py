@@ -10,6 +10,7 @@ the unit moves with the probe. Rates and thresholds are means over the positions
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -41,12 +42,11 @@ from fembridge.typing import FloatArray
 _LEVELS = 31
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PadProbe:
     """A probe pressed on a pad, under which afferents are recorded or fitted.
 
-    `fembridge.fit`, `threshold`, `study` and `validate` take it as `pad`; `response` is the map of
-    the stress below it.
+    `fembridge.fit`, `threshold`, `study` and `validate` take it as `pad`, `simulate` as `response`.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class PadProbe:
     --------
     >>> import fembridge as fb
     >>> probe = fb.PadProbe(shape="punch:diameter_mm=2", ridges="none")
-    >>> probe.response().class_names()
+    >>> probe.response.class_names()
     ['SA', 'RA', 'PC']
     """
 
@@ -134,6 +134,7 @@ class PadProbe:
         positions_mm: FloatArray = at_mm + np.outer(share * skin.fingerprint.period_mm, across)
         return positions_mm
 
+    @cached_property
     def response(self) -> ResponseMap:
         """Stress of a unit of each class of the pad against the depth of the probe.
 

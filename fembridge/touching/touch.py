@@ -29,7 +29,7 @@ from fembridge.touching.touch_result import Touch
 from fembridge.touching.trajectory import Trajectory
 from fembridge.version import __version__
 from neural.encoder import encode_units
-from neural.parameter_sets import ParameterSet, parameter_set, parameters_to_table
+from neural.parameter_sets import ParameterSet, parameter_set
 
 if TYPE_CHECKING:
     import os
@@ -258,8 +258,7 @@ def touch_skin(
         "fembridge": __version__,
         "pad": {"source": pad.source, "sha256": pad.sha256, **pad.origin},
         "finger": pad.mechanics,
-        "parameter_set": parameters.name,
-        "parameters": parameters_to_table(parameters.parameters),
+        **{key: value for key, value in parameters.to_record().items() if value is not None},
         "friction": float(friction),
         "trials": int(trials),
         "noise_mv": float(noise_mv),
