@@ -19,7 +19,6 @@ rates were recorded with. `pad_response` is the answer to it as a response map: 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,9 +30,6 @@ from fembridge.touching.pad import Pad, SkinNodes
 from fembridge.touching.population import Population
 from fembridge.touching.shape import Shape
 from fembridge.typing import FloatArray, IntArray, SingleArray
-
-if TYPE_CHECKING:
-    pass
 
 SA_NU = 0.07
 # The pin, and how deep it is where k is found.
@@ -153,7 +149,8 @@ def driving_stress_pa(
     touched = np.asarray(forces_n.any(axis=1))
     if not touched.any():
         return driving
-    nodes, forces_n = nodes.spread_on_pad(forces_n[touched])
+    pressed = np.asarray(forces_n.any(axis=0))  # a node without a force costs as much as others
+    nodes, forces_n = nodes.subset(pressed).spread_on_pad(forces_n[touched][:, pressed])
     drag = None if drag is None else drag[touched]
     unit, x_mm, z_mm, sensitivity = units.endings()
     layer, depth_mm = np.array(units.layer)[unit], units.depth_mm[unit]
