@@ -76,6 +76,9 @@ PressBy: TypeAlias = Callable[..., tuple[FloatArray, float]]
 GapsAt: TypeAlias = Callable[[IntArray, IntArray], FloatArray | SingleArray]
 """Ways down ``(step, n)`` in mm to some nodes, counted from 0, at some steps."""
 
+ReachedBy: TypeAlias = Callable[[float], BoolArray]
+"""Nodes ``(n,)`` that a depth in mm reaches."""
+
 
 def press_to(
     pad: Pad, shape: Shape, level: FloatArray, *, by_force: bool = False
@@ -121,7 +124,7 @@ class PressedSteps:
 def press_steps(
     nodes: SkinNodes,
     gaps_at: GapsAt,
-    nearest_mm: FloatArray | SingleArray,
+    reached_by: ReachedBy,
     level: FloatArray,
     *,
     by_force: bool = False,
@@ -135,8 +138,8 @@ def press_steps(
     ----------
     gaps_at
         Makes the gaps ``(step, n)`` of some nodes at some steps.
-    nearest_mm
-        The least gap of each node over all steps, ``(n,)``.
+    reached_by
+        Which nodes have a gap below a depth in mm at any step.
     level
         ``(S,)``: depths in um from where the gaps are 0, or with `by_force` forces in N.
     drag
@@ -155,15 +158,16 @@ def press_steps(
     all_rows = np.arange(nodes.size)
     if by_force:
         tried = np.arange(0, level.size, max(1, level.size // _TRIED_STEPS))
-        depths_mm = [
-            depth_of_force_mm(nodes, gap.astype(np.float64), float(level[step]) / lasting_share)
-            for step, gap in zip(tried, gaps_at(all_rows, tried), strict=True)
-            if level[step] > 0 and np.isfinite(gap).any()
-        ]
-        reach_mm = max(depths_mm, default=0.0)
+        reach_mm, above_first_mm = 0.0, _FIRST_REACH_MM
+        for step, gap in zip(tried, gaps_at(all_rows, tried), strict=True):
+            if level[step] > 0 and np.isfinite(gap).any():
+                force_n = float(level[step]) / lasting_share
+                depth_mm = depth_of_force_mm(nodes, gap.astype(np.float64), force_n, above_first_mm)
+                above_first_mm = max(above_first_mm, 1.1 * (depth_mm - float(gap.min())))
+                reach_mm = max(reach_mm, depth_mm)
     else:
         reach_mm = float(level.max()) * MM_PER_UM
-    reached = all_rows[nearest_mm < reach_mm]
+    reached = all_rows[reached_by(reach_mm)]
     nodes, count = nodes.subset(reached), reached.size
     subject = f"contact of {level.size} steps on up to {count} nodes"
     total_n, depth_um = np.empty(level.size), np.array(level, dtype=np.float64)
@@ -200,10 +204,14 @@ def press_steps(
     return PressedSteps(nodes.subset(pressed), forces_n, total_n, depth_um)
 
 
-def depth_of_force_mm(nodes: SkinNodes, gap_mm: FloatArray, force_n: float) -> float:
-    """Depth at which `force_n` is reached, with a margin; gaps may be anything >= 0."""
+def depth_of_force_mm(
+    nodes: SkinNodes, gap_mm: FloatArray, force_n: float, reach_mm: float = _FIRST_REACH_MM
+) -> float:
+    """Depth at which `force_n` is reached, with a margin; gaps may be anything >= 0.
+
+    Skin up to `reach_mm` from the shape is first taken to be all that touches.
+    """
     first_mm = float(gap_mm.min())
-    reach_mm = _FIRST_REACH_MM
     while reach_mm < 2 * MOST_UM * MM_PER_UM:
         near = gap_mm < first_mm + reach_mm
         contact = ContactSolver.on_nodes(nodes.subset(near))
