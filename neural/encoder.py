@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError, TraceError
 from fembridge.typing import FloatArray, IntArray
+from neural.compiled import compile_for
 from neural.filters import Past, checked_stress
 from neural.lif import Membrane, State, fire
 from neural.models import SAMPLES_AROUND, model_of
@@ -27,8 +28,10 @@ from neural.time_step import read_at_step, step_ratio
 # limit the memory for a trace of an hour, or for a hundred thousand membranes.
 _MEMBRANES, _NUMBERS, _ROWS = 1 << 12, 1 << 21, 1 << 16
 _LEAST_ROWS = 64
-# The same for units; larger, since each part of their stress has a fixed cost.
+# Numbers of the stress of units read at once; many, since each part of it has a fixed cost.
 _UNIT_NUMBERS = 1 << 23
+# Membranes of units, and values of their currents, computed at once: these stay in the cache.
+_BLOCK_MEMBRANES, _BLOCK_NUMBERS = 64, 1 << 16
 
 
 class UnitStress(Protocol):
@@ -325,34 +328,75 @@ def encode_units(
         membrane = _membrane(values)
         units = np.flatnonzero(names == name)
         width = max(1, _MEMBRANES // trials)
+        finer, coarser = step_ratio(values, dt_ms)
+        compile_for(units.size * trials * (stress.samples * finer // coarser))
         for first in range(0, units.size, width):
             batch_units = units[first : first + width]
-            count = trials * batch_units.size * (1 + model.two_way)
-            state = State.at_rest(count)
-            step = max(_LEAST_ROWS, min(_ROWS, _UNIT_NUMBERS // count))
-            currents = _currents(
-                *read_at_step(stress.reader(batch_units), stress.samples, values, dt_ms),
-                values,
-                derivative,
-                stress_factors[np.newaxis, batch_units],
-                step,
-            )
-            for part, fed in enumerate(currents):
-                current = np.tile(fed, (1, trials)) if trials > 1 else fed
-                if noise_mv and rng is not None:
-                    size_mv = noise_mv / np.sqrt(values.dt_ms)
-                    current = current + size_mv * rng.standard_normal(current.shape)
-                rows, membranes = fire(current, membrane, state)
-                times_ms = start_ms + (part * step + rows + 1.0) * values.dt_ms
-                trial = membranes // (count // trials) + 1
-                parts.append(
-                    (batch_units[membranes % batch_units.size], trial, np.asarray(times_ms))
+            read = _read_ahead(stress.reader(batch_units), stress.samples, batch_units.size)
+            # Noise is drawn for all units at once, whatever the size of a block.
+            size = batch_units.size if noise_mv else max(1, _BLOCK_MEMBRANES // trials)
+            blocks = [
+                slice(start, min(start + size, batch_units.size))
+                for start in range(0, batch_units.size, size)
+            ]
+            members = 1 + model.two_way
+            largest = trials * members * (blocks[0].stop - blocks[0].start)
+            numbers = _UNIT_NUMBERS if noise_mv else _BLOCK_NUMBERS
+            step = max(_LEAST_ROWS, min(_ROWS, numbers // largest))
+            states = [
+                State.at_rest(trials * members * (block.stop - block.start)) for block in blocks
+            ]
+            currents = [
+                _currents(
+                    *read_at_step(partial(_columns_of, read, block), stress.samples, values, dt_ms),
+                    values,
+                    derivative,
+                    stress_factors[np.newaxis, batch_units[block]],
+                    step,
                 )
+                for block in blocks
+            ]
+            for part, part_currents in enumerate(zip(*currents, strict=True)):
+                for block, state, fed in zip(blocks, states, part_currents, strict=True):
+                    block_units = batch_units[block]
+                    current = np.tile(fed, (1, trials)) if trials > 1 else fed
+                    if noise_mv and rng is not None:
+                        size_mv = noise_mv / np.sqrt(values.dt_ms)
+                        current = current + size_mv * rng.standard_normal(current.shape)
+                    rows, membranes = fire(current, membrane, state)
+                    times_ms = start_ms + (part * step + rows + 1.0) * values.dt_ms
+                    trial = membranes // (current.shape[1] // trials) + 1
+                    parts.append(
+                        (block_units[membranes % block_units.size], trial, np.asarray(times_ms))
+                    )
     if not parts:
         return UnitSpikes(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
     unit, trial, time_ms = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     order = np.lexsort((time_ms, trial, unit))
     return UnitSpikes(unit[order], trial[order], time_ms[order])
+
+
+def _read_ahead(
+    read: Callable[[int, int], FloatArray], samples: int, units: int
+) -> Callable[[int, int], FloatArray]:
+    """`read` of stress, more samples at a time: each call of it has a fixed cost."""
+    ahead = max(_LEAST_ROWS, _UNIT_NUMBERS // units)
+    begin, values = 0, np.empty((0, units))
+
+    def part(first: int, last: int) -> FloatArray:
+        nonlocal begin, values
+        if not begin <= first <= last <= begin + len(values):
+            begin = first
+            values = read(first, min(max(last, first + ahead), samples))
+        return values[first - begin : last - begin]
+
+    return part
+
+
+def _columns_of(
+    read: Callable[[int, int], FloatArray], block: slice, first: int, last: int
+) -> FloatArray:
+    return np.ascontiguousarray(read(first, last)[:, block])
 
 
 def _rows_of(stress: FloatArray, first: int, last: int) -> FloatArray:
