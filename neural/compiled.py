@@ -12,15 +12,22 @@ from functools import cache
 from importlib.util import find_spec
 from typing import Any
 
-# Numbers from which on loading numba pays, membranes times time steps: NumPy takes 1 s for ten
+# Numbers, membranes times time steps, from which on loading numba pays: NumPy takes 1 s for ten
 # million.
-_LEAST_NUMBERS = 4_000_000
+_LEAST_NUMBERS = 5_000_000
+_so_far = 0
 
 
-def compile_for(numbers: int) -> None:
-    """Load numba if it is installed and `numbers`, membranes times time steps, are many."""
-    if numbers >= _LEAST_NUMBERS and _is_installed():
+def compile_for(numbers: int) -> bool:
+    """Load numba if it is installed and `numbers`, and those asked for so far, are many.
+
+    Whether loops are compiled now.
+    """
+    global _so_far
+    _so_far += numbers
+    if _so_far >= _LEAST_NUMBERS and _is_installed():
         import numba  # noqa: F401 - from here on `compiled` finds it
+    return "numba" in sys.modules
 
 
 def compiled(loop: Callable[..., Any]) -> Callable[..., Any] | None:

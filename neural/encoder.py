@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError, TraceError
-from fembridge.typing import FloatArray, IntArray
+from fembridge.typing import BoolArray, FloatArray, IntArray
 from neural.compiled import compile_for
-from neural.filters import Past, checked_stress
+from neural.filters import LEVELS, RISES, Past, checked_stress
 from neural.lif import Membrane, State, fire
 from neural.models import SAMPLES_AROUND, model_of
 from neural.parameters import AfferentParameters, Parameters, quantiles
-from neural.time_step import read_at_step, step_ratio
+from neural.time_step import overshoot, read_at_step, step_ratio
 
 # Numbers of membranes, of values of their currents and of rows that are computed at once. They
 # limit the memory for a trace of an hour, or for a hundred thousand membranes.
@@ -32,6 +32,8 @@ _LEAST_ROWS = 64
 _UNIT_NUMBERS = 1 << 23
 # Membranes of units, and values of their currents, computed at once: these stay in the cache.
 _BLOCK_MEMBRANES, _BLOCK_NUMBERS = 64, 1 << 16
+# A bound on a potential below this share of the threshold is below it after rounding.
+_SURELY = 0.999
 
 
 class UnitStress(Protocol):
@@ -329,26 +331,32 @@ def encode_units(
         units = np.flatnonzero(names == name)
         width = max(1, _MEMBRANES // trials)
         finer, coarser = step_ratio(values, dt_ms)
-        compile_for(units.size * trials * (stress.samples * finer // coarser))
         for first in range(0, units.size, width):
             batch_units = units[first : first + width]
             read = _read_ahead(stress.reader(batch_units), stress.samples, batch_units.size)
+            columns = np.arange(batch_units.size)
+            if not noise_mv and stress.samples * batch_units.size <= _UNIT_NUMBERS:
+                may_fire = _may_fire(
+                    read(0, stress.samples), values, dt_ms, stress_factors[batch_units]
+                )
+                columns, batch_units = columns[may_fire], batch_units[may_fire]
+                if not columns.size:
+                    continue
             # Noise is drawn for all units at once, whatever the size of a block.
-            size = batch_units.size if noise_mv else max(1, _BLOCK_MEMBRANES // trials)
-            blocks = [
-                slice(start, min(start + size, batch_units.size))
-                for start in range(0, batch_units.size, size)
-            ]
+            is_compiled = compile_for(columns.size * trials * (stress.samples * finer // coarser))
+            in_blocks = is_compiled and not noise_mv
+            size = max(1, _BLOCK_MEMBRANES // trials) if in_blocks else columns.size
+            blocks = [slice(start, start + size) for start in range(0, columns.size, size)]
             members = 1 + model.two_way
-            largest = trials * members * (blocks[0].stop - blocks[0].start)
-            numbers = _UNIT_NUMBERS if noise_mv else _BLOCK_NUMBERS
+            numbers = _BLOCK_NUMBERS if in_blocks else _UNIT_NUMBERS
+            largest = trials * members * batch_units[blocks[0]].size
             step = max(_LEAST_ROWS, min(_ROWS, numbers // largest))
-            states = [
-                State.at_rest(trials * members * (block.stop - block.start)) for block in blocks
-            ]
+            states = [State.at_rest(trials * members * batch_units[block].size) for block in blocks]
             currents = [
                 _currents(
-                    *read_at_step(partial(_columns_of, read, block), stress.samples, values, dt_ms),
+                    *read_at_step(
+                        partial(_columns_of, read, columns[block]), stress.samples, values, dt_ms
+                    ),
                     values,
                     derivative,
                     stress_factors[np.newaxis, batch_units[block]],
@@ -394,9 +402,40 @@ def _read_ahead(
 
 
 def _columns_of(
-    read: Callable[[int, int], FloatArray], block: slice, first: int, last: int
+    read: Callable[[int, int], FloatArray], columns: IntArray, first: int, last: int
 ) -> FloatArray:
-    return np.ascontiguousarray(read(first, last)[:, block])
+    return read(first, last)[:, columns]
+
+
+def _may_fire(
+    stress_pa: FloatArray,
+    parameters: AfferentParameters,
+    dt_ms: float,
+    stress_factors: FloatArray,
+) -> BoolArray:
+    """Units that are not known to be silent, ``(unit,)``, from their stress ``(T, unit)``.
+
+    Without a leak a potential is at most the largest rise of the summed current, with it at most
+    the steady state of the largest current: where the sum of both bounds is below the threshold,
+    nothing fires.
+    """
+    model = model_of(parameters)
+    [coefficients, *_] = model.membrane_coefficients(parameters.by_name())
+    filters = model.filters
+    if coefficients.halves is not None or coefficients.degree != 1.0:
+        return np.ones(stress_factors.size, dtype=bool)
+    if not all(filter_ in (*RISES, *LEVELS) for filter_ in filters):
+        return np.ones(stress_factors.size, dtype=bool)
+    low, high = stress_pa.min(axis=0), stress_pa.max(axis=0)
+    range_pa = overshoot(parameters, dt_ms) * (high - low)
+    bound_mv = np.zeros(stress_factors.size)
+    for filter_, gain in zip(filters, coefficients.gains(), strict=True):
+        of_level = parameters.tau_ms * (low + range_pa)
+        bound_mv += np.abs(gain) * (range_pa if filter_ in RISES else of_level)
+    gap_mv = parameters.threshold_mv - parameters.rest_mv
+    # Only a sum that is not finite is reported by the membrane.
+    silent: BoolArray = bound_mv < _SURELY * gap_mv * stress_factors
+    return ~silent
 
 
 def _rows_of(stress: FloatArray, first: int, last: int) -> FloatArray:

@@ -168,6 +168,11 @@ def faded(
     return np.maximum(remaining, 0.0, out=remaining)
 
 
+# Filters whose sum over any time, times dt, is at most the range of the stress; and filters whose
+# output is at most the largest stress. No membrane behind them exceeds these (`neural.encoder`).
+RISES, LEVELS = (stress_rate, slow_rate), (faded,)
+
+
 def corpuscle(
     stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward", past: Past | None = None
 ) -> FloatArray:

@@ -63,6 +63,12 @@ def fits_step(parameters: AfferentParameters, dt_ms: float) -> bool:
     return True
 
 
+def overshoot(parameters: AfferentParameters, dt_ms: float) -> float:
+    """Range of the stress at the time step of the parameters over that of the trace, at most."""
+    finer, _ = step_ratio(parameters, dt_ms)
+    return float(np.abs(_weights(finer)).sum(axis=1).max())
+
+
 def read_at_step(
     read: Reader, samples: int, parameters: AfferentParameters, dt_ms: float
 ) -> tuple[Reader, int]:

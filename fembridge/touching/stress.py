@@ -27,6 +27,7 @@ from fembridge.io.run_folder import AfferentNode
 from fembridge.response.response_map import ResponseMap
 from fembridge.touching.contact import press_to
 from fembridge.touching.contact_history import ContactHistory
+from fembridge.touching.influence import influence_pa
 from fembridge.touching.pad import Pad, SkinNodes
 from fembridge.touching.population import Population
 from fembridge.touching.shape import Shape
@@ -172,18 +173,21 @@ def driving_stress_pa(
         last = max(int(np.searchsorted(starts, starts[first] + step, "right")) - 1, first + 1)
         block = slice(int(starts[first]), int(starts[last]))
         places = layer[block], x_mm[block], z_mm[block], depth_mm[block]
-        influence = pad.influence_pa(nodes, *places, drag=steady)
+        influence = influence_pa(pad, nodes, *places, drag=steady)
         if not straight:  # along a curve the drag turns: tensors of all three directions
             aside = [
-                pad.influence_pa(nodes, *places, drag=direction) for direction in ((1, 0), (0, 1))
+                influence_pa(pad, nodes, *places, drag=direction)
+                for direction in ((1.0, 0.0), (0.0, 1.0))
             ]
             influence = np.concatenate(
                 [influence, *(tensors - influence for tensors in aside)], axis=2
             )
         sa = reads_sa[block]
         stress = np.empty((len(forces), sa.size), dtype=np.float32)
-        stress[:, ~sa] = von_mises_pa(influence[:, ~sa], forces)
-        if sa.any():
+        if not sa.any():  # without a copy of some of it
+            stress[:] = von_mises_pa(influence, forces)
+        else:
+            stress[:, ~sa] = von_mises_pa(influence[:, ~sa], forces)
             normal = pad.normal_at(x_mm[block][sa], z_mm[block][sa])
             stress[:, sa] = _sa_scale(pad.from_above) * sa_stress_pa(
                 influence[:, sa], forces, normal
