@@ -248,7 +248,7 @@ class _NearNodes:
         self._factor = _BorderedFactor()
         # Displacements of all nodes when they were last computed.
         self._all_mm = empty
-        self._limit_mm = 0.0
+        self._limit_mm = self._depth_mm = 0.0
         self.is_loaded = False
 
     def restart(self, forces: SingleArray, moved: SingleArray) -> None:
@@ -330,8 +330,9 @@ class _NearNodes:
                 return depth
             last = np.append(last, self._add(rows))
             moved = self._entries[-rows.size :] @ self._force
+            self._moved = np.append(self._moved, moved)
             if self._compliance.has_drag:
-                moved += self._drag[-rows.size :] @ last
+                moved = moved + self._drag[-rows.size :] @ last
             if (moved + gap[rows] >= depth - self._limit_mm).all():
                 return depth
         self._force = last[: self._force.size]
@@ -363,6 +364,11 @@ class _NearNodes:
         """Solve the near nodes; their depth, None if more than `most` touch, or none."""
         force, own_mm = self._force, self._compliance.own_mm
         active = possible & (force > 0)
+        if self._moved.size == force.size:
+            # As if each node moved by itself: those where an edge of the shape has come or gone.
+            pushed_n = force - (self._moved + gap - np.float32(self._depth_mm)) / own_mm
+            predicted = possible & (pushed_n > self._limit_mm / own_mm * (force <= 0))
+            active = predicted if predicted.any() else active
         for _ in range(_MOST_DIRECT):
             rows = np.flatnonzero(active)
             if not 0 < rows.size <= most:
@@ -383,6 +389,7 @@ class _NearNodes:
             inside = possible & ~active & (self._moved + gap < depth - self._limit_mm)
             if not (leaving.any() or inside.any()):
                 np.maximum(force, 0.0, out=force)
+                self._depth_mm = depth
                 return depth
             active = (active & (force > 0)) | inside
         return None
