@@ -6,8 +6,10 @@ columns of the influence, a node each, of the places that were asked for last, u
 """
 
 from collections import OrderedDict
+from collections.abc import Callable
 from hashlib import sha256
 from threading import Lock
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,42 +23,48 @@ MOST_BYTES = 256_000_000
 """Memory of all that is kept."""
 
 
-def influence_pa(
+Places: TypeAlias = tuple[NDArray[np.str_], FloatArray, FloatArray, FloatArray]
+"""Layer, x, z and depth in mm of places, ``(place,)`` each, as for `Pad.influence_pa`."""
+
+
+def read_influence(
     pad: Pad,
     nodes: SkinNodes,
-    layer: NDArray[np.str_],
-    x_mm: FloatArray,
-    z_mm: FloatArray,
-    depth_mm: FloatArray,
-    drag: tuple[float, float] = (0.0, 0.0),
+    places: Places,
+    drag: tuple[float, float],
+    read: Callable[[SingleArray, FloatArray], SingleArray],
 ) -> SingleArray:
-    """Stress ``(6, place, node)`` in Pa under unit forces, as that of `Pad.influence_pa`.
+    """What `read` takes from the stress under unit forces, ``(node, K x place)``.
 
-    Of a prism, what was computed for these places before is not computed again.
+    `read` is a function of the influence ``(6, place, node)`` and of the normals ``(place, 3)``
+    that returns ``(K, place, node)``. Of a prism, what was computed for the same places and by the
+    same function is not computed again.
     """
     if isinstance(pad, RidgedPad):
         pad = pad.smooth_pad
+
+    def computed(some: SkinNodes) -> SingleArray:
+        influence = pad.influence_pa(some, *places, drag)
+        values = read(influence, pad.normal_at(*places[1:3]))
+        return np.ascontiguousarray(values.reshape(-1, some.size).T, dtype=np.float32)
+
     if not (isinstance(pad, PrismPad) and isinstance(nodes, LatticeNodes) and nodes.size):
-        return pad.influence_pa(nodes, layer, x_mm, z_mm, depth_mm, drag)
-    digest = sha256(layer.tobytes())
-    for values in (x_mm, z_mm, depth_mm):
+        return computed(nodes)
+    digest = sha256()
+    for values in places:
         digest.update(np.ascontiguousarray(values).tobytes())
-    key = pad, drag, digest.digest()
+    key = pad, drag, read, digest.digest()
     with _lock:
         columns = _kept.pop(key, None) or _Columns(pad)
-        column_of = columns.slots(nodes)
-        missing = np.flatnonzero(column_of < 0)
+        missing = np.flatnonzero(columns.slots(nodes) < 0)
         if missing.size:
-            computed = pad.influence_pa(nodes.subset(missing), layer, x_mm, z_mm, depth_mm, drag)
-            columns.add(nodes.subset(missing), computed)
-            column_of = columns.slots(nodes)
+            some = nodes.subset(missing)
+            columns.add(some, computed(some))
+        table = columns.of(columns.slots(nodes))
         _kept[key] = columns  # the last one goes last
-        while len(_kept) > 1 and kept_bytes() > MOST_BYTES:
+        while _kept and kept_bytes() > MOST_BYTES:
             _kept.popitem(last=False)
-        influence = columns.of(column_of).reshape(nodes.size, 6, x_mm.size)
-        if kept_bytes() > MOST_BYTES:
-            _kept.clear()
-    return influence.transpose(1, 2, 0)
+    return table
 
 
 def kept_bytes() -> int:
@@ -71,7 +79,7 @@ def drop_influence() -> None:
 
 
 class _Columns:
-    """Influence of some nodes of a pad: `values` ``(node, 6 x place)``, in order of arrival."""
+    """What is kept of some nodes of a pad: `values` ``(node, ...)``, in order of arrival."""
 
     def __init__(self, pad: PrismPad) -> None:
         self._rows = 2 * pad.end_row + 1
@@ -85,11 +93,10 @@ class _Columns:
         """Row of `values` of each node, -1 where it is missing."""
         return self._slot[self._number(nodes)]
 
-    def add(self, nodes: LatticeNodes, influence: SingleArray) -> None:
-        """Keep `influence` ``(6, place, node)``."""
+    def add(self, nodes: LatticeNodes, rows: SingleArray) -> None:
+        """Keep `rows` ``(node, ...)``."""
         first = len(self.values)
-        new = influence.reshape(-1, nodes.size).T
-        self.values = np.concatenate([self.values, new]) if first else np.ascontiguousarray(new)
+        self.values = np.concatenate([self.values, rows]) if first else rows
         self._slot[self._number(nodes)] = first + np.arange(nodes.size)
 
     def of(self, slots: IntArray) -> SingleArray:
@@ -100,5 +107,5 @@ class _Columns:
         return self.values[slots]
 
 
-_kept: "OrderedDict[tuple[Pad, tuple[float, float], bytes], _Columns]" = OrderedDict()
+_kept: "OrderedDict[tuple[object, ...], _Columns]" = OrderedDict()
 _lock = Lock()
