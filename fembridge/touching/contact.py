@@ -100,8 +100,8 @@ def press_to(
     nodes, gap_mm = nodes.subset(reached), gap_mm[reached]
     forces = np.empty((level.size, gap_mm.size))
     depth_um = np.array(level, dtype=np.float64)
-    with blas_threads(gap_mm.size):
-        contact = ContactSolver.on_nodes(nodes)
+    contact = ContactSolver.on_nodes(nodes)
+    with blas_threads(contact.nodes_at_once):
         for step, pressed in enumerate(level.tolist()):
             forces[step], depth_mm = contact.press_by(gap_mm, pressed, by_force=by_force)
             depth_um[step] = max(depth_mm / MM_PER_UM, 0.0) if by_force else pressed
@@ -173,8 +173,8 @@ def press_steps(
     total_n, depth_um = np.empty(level.size), np.array(level, dtype=np.float64)
     parts: list[tuple[IntArray, SingleArray]] = []  # the nodes pressed, and their forces
     held_bytes = 0
-    with blas_threads(count):
-        contact = ContactSolver.on_nodes(nodes, drag)
+    contact = ContactSolver.on_nodes(nodes, drag)
+    with blas_threads(contact.nodes_at_once):
         press_by = contact.press_by if over_time is None else over_time(contact)
         for first in range(0, level.size, _STEPS_AT_ONCE):
             steps = np.arange(first, min(first + _STEPS_AT_ONCE, level.size))
@@ -215,7 +215,8 @@ def depth_of_force_mm(
     while reach_mm < 2 * MOST_UM * MM_PER_UM:
         near = gap_mm < first_mm + reach_mm
         contact = ContactSolver.on_nodes(nodes.subset(near))
-        _, depth_mm = contact.press_with(gap_mm[near] - first_mm, force_n)
+        with blas_threads(contact.nodes_at_once):
+            _, depth_mm = contact.press_with(gap_mm[near] - first_mm, force_n)
         if depth_mm < 0.8 * reach_mm:
             return first_mm + 1.2 * depth_mm
         reach_mm = max(2 * reach_mm, 1.3 * depth_mm) if depth_mm < MOST_UM else np.inf
@@ -229,13 +230,13 @@ def _too_deep(force_n: float) -> UsageError:
 
 
 @contextmanager
-def blas_threads(nodes: int, *, on_grid: bool = False) -> Iterator[None]:
-    """One thread of the BLAS while fewer than `_NODES_FOR_THREADS` `nodes` may touch, or `on_grid`.
+def blas_threads(nodes: int = 0) -> Iterator[None]:
+    """One thread of the BLAS while fewer than `_NODES_FOR_THREADS` `nodes` are solved together.
 
     The limit is that of the process: while several Python threads are inside, the first one
     sets it and the last one takes it back.
     """
-    if nodes >= _NODES_FOR_THREADS and not on_grid:
+    if nodes >= _NODES_FOR_THREADS:
         yield
         return
     _one_thread.enter()
@@ -283,6 +284,11 @@ class ContactSolver:
         self._compliance = compliance
         self._set = _ActiveSet(compliance)
         self.exchanges = 0
+
+    @property
+    def nodes_at_once(self) -> int:
+        """Most nodes that are solved together, for `blas_threads`."""
+        return self._compliance.size
 
     @classmethod
     def on_nodes(

@@ -78,6 +78,11 @@ class GridContactSolver:
         self._has_moved = True
         self.steps = 0
 
+    @property
+    def nodes_at_once(self) -> int:
+        """Most nodes that are solved together, for `fembridge.touching.contact.blas_threads`."""
+        return _FIRST_MOST
+
     def press_by(
         self, gap_mm: FloatArray, level: float, *, by_force: bool
     ) -> tuple[FloatArray, float]:

@@ -26,7 +26,7 @@ import numpy as np
 
 from fembridge.io.run_folder import AfferentNode
 from fembridge.response.response_map import ResponseMap
-from fembridge.touching.contact import press_to
+from fembridge.touching.contact import blas_threads, press_to
 from fembridge.touching.contact_history import ContactHistory
 from fembridge.touching.influence import read_influence
 from fembridge.touching.pad import Pad, SkinNodes
@@ -95,6 +95,11 @@ class ContactStress:
         return stress_pa
 
     def _at_states(self, units: Population, begin: int, end: int) -> FloatArray:
+        # Products of blocks of states: a second thread waits longer than it works.
+        with blas_threads():
+            return self._stress_at(units, begin, end)
+
+    def _stress_at(self, units: Population, begin: int, end: int) -> FloatArray:
         states, layers = slice(begin, end), np.array(units.layer)
         if not self.contact.layer_forces_n:
             return self._stress(units, self.contact.forces_n[states], states)
