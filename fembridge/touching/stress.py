@@ -167,7 +167,8 @@ def driving_stress_pa(
     straight = drag is None or not turns
     forces = np.ascontiguousarray(forces_n, dtype=np.float32)
     if drag is not None and not straight:
-        forces = np.concatenate([forces, forces * drag[:, :1], forces * drag[:, 1:]], axis=1)
+        turned = drag.astype(np.float32)
+        forces = np.concatenate([forces, forces * turned[:, :1], forces * turned[:, 1:]], axis=1)
     steady = (float(drag[0, 0]), float(drag[0, 1])) if drag is not None and straight else (0.0, 0.0)
     columns = pad.columns_per_place(nodes)
     step = max(1, _BLOCK // (6 * max(*forces.shape, columns)))
