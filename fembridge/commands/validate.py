@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 EXAMPLE = "fembridge validate -o report"
 
 _FOLDER = "report"
-_FILES = ("response", "observed", "thresholds", "spikes", "impulses", "distance")
+_FILES = ("response", "observed", "recorded", "thresholds", "spikes", "impulses", "distance")
 # The parameters are neural.parameter_sets.DEFAULT_SET, which takes NumPy to import.
 _DEFAULTS = {"finger": "quick", "parameters": "fitted"}
 
@@ -34,6 +34,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="RATES.csv",
         help="observed rates: a table stimulus,afferent,rate_ips with any of the 82 stimuli and "
         "of SA, RA, PC",
+    )
+    parser.add_argument(
+        "--recorded",
+        metavar="FOLDER",
+        help="recorded responses: tables of rates, ramps, textures, bars and fields, recognised by "
+        "their columns (docs/validation.md)",
     )
     skin = parser.add_mutually_exclusive_group()
     skin.add_argument(

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from decks.presets import model_of, read_finger
-from decks.stimuli import CATALOGUE
+from decks.stimuli import CATALOGUE, Entry
 from decks.synthesis import make_stimulus
 from fembridge.errors import MissingError, UsageError, warn
 from fembridge.evidence import Facts, touchsim_rates
@@ -17,6 +17,7 @@ from fembridge.host.machine import SOLVER_INSTALL_LINE, find_ccx
 from fembridge.host.store import sha256_of, temporary_folder
 from fembridge.io.observed_rates import ObservedRates
 from fembridge.io.spike_table import Rate, SpikeTrain
+from fembridge.reporting.fingertip_responses import Fingertip
 from fembridge.reporting.rate_tables import (
     FINGERTIP,
     OBSERVED,
@@ -29,11 +30,18 @@ from fembridge.reporting.rate_tables import (
     threshold_table,
 )
 from fembridge.reporting.recorded import Evidence, ModelOnResponse, gather
+from fembridge.reporting.recorded_sets import (
+    JUDGED,
+    further_stimuli,
+    recorded_points,
+    recorded_rows,
+)
 from fembridge.response.deflection import Deflection, convergence, stored_deflections
 from fembridge.response.indentation import solve_response
 from fembridge.response.response_map import ResponseLike, ResponseMap, load_response
 from fembridge.simulation.simulation import Simulation, encode_all
 from fembridge.solver.mechanics import fit_mismatch
+from fembridge.stimulus import Stimulus
 from fembridge.trace import AFFERENTS, finger_id
 from neural import ParameterSet
 from neural.parameter_sets import DEFAULT_SET, SET_NAMES, parameter_set
@@ -53,6 +61,8 @@ PUBLISHED_NAME, FINGERTIP_SET = "published", "fitted_pad"
 # Fig. 3 (a): 35, 130 and 250 um at 20 Hz; Appendix A has 34.74 and 129.49.
 RASTER_STIMULI = ("sine_20_34.74", "sine_20_129.49", "sine_20_250")
 TRIALS = 5
+RIDGES = "loop"
+"""Pattern of the ridged skin on which textures are scanned, that of `fembridge touch`."""
 
 _SHORT_DIGEST = 12
 
@@ -81,9 +91,11 @@ class ValidationData:
 
     `models` and `simulations` have the same order: the judged model first; last `FINGERTIP`,
     the parameters of the whole fingertip, simulated on the stored pad. `observed` is None
-    without observed rates; `left_out` are stimuli of the observed table outside the paper's 82.
+    without observed rates; `left_out` are stimuli of the observed table outside the paper's 82,
+    which are only among the recorded sets.
     `agreement`, `held_out`, `thresholds` and `locking` are tables of
-    `fembridge.reporting.rate_tables`; `evidence` compares the judged model with recorded afferents.
+    `fembridge.reporting.rate_tables`; `evidence` compares the judged model with recorded afferents;
+    `points` and `recorded_sets` are tables of `fembridge.reporting.recorded_sets`.
     """
 
     response: ResponseMap
@@ -99,6 +111,8 @@ class ValidationData:
     deflections: tuple[Deflection, ...]
     convergence: Sequence[Mapping[str, Any]]
     evidence: Evidence
+    points: "DataFrame"
+    recorded_sets: "DataFrame"
 
     @property
     def judged(self) -> JudgedModel:
@@ -117,6 +131,7 @@ def compute_validation(
     observed: ObservedRates | None = None,
     facts: Mapping[str, Facts] | None = None,
     trains: Sequence[SpikeTrain] = (),
+    tables: "Mapping[str, DataFrame] | None" = None,
 ) -> ValidationData:
     """Results of `models` under the paper's 82 stimuli, on the response of a finger.
 
@@ -132,6 +147,9 @@ def compute_validation(
         Evidence tables by name, instead of the published ones. Default: none.
     trains
         Recorded spikes, instead of the published timing and phases. Default: none.
+    tables
+        Recorded responses to touches by name, see `fembridge.evidence.recorded_folder`.
+        Default: none.
 
     Raises
     ------
@@ -141,10 +159,12 @@ def compute_validation(
         A stimulus goes deeper than the response.
     """
     from fembridge.touching.pad_file import resolve_pad
+    from fembridge.touching.ridged_pad import with_ridges
     from fembridge.touching.stress import pad_response
 
     left_out = _left_out(observed)
-    pad, fitted = pad_response(resolve_pad("reference")), _model(FINGERTIP_SET)
+    skin = resolve_pad("reference")
+    pad, fitted = pad_response(skin), _model(FINGERTIP_SET)
     source = f"{FINGERTIP_SET}, under a flat 1 mm pin on the stored pad: {fitted.source}"
     fingertip = replace(fitted, name=FINGERTIP, source=source)
     simulations = {model.name: _simulated(model, response) for model in models}
@@ -155,6 +175,25 @@ def compute_validation(
     rates = RateTable(sources)
     deflections = stored_deflections()
     judged = models[0]
+    evidence = gather(
+        ModelOnResponse(response, judged), ModelOnResponse(pad, fingertip), facts, trains
+    )
+    observed_rates = observed.rates() if observed else []
+    further = further_stimuli(observed_rates)
+    points = recorded_points(
+        observed_rates,
+        {
+            name: [*simulations[model.name].mean_rates, *_further_rates(model, stress, further)]
+            for name, model, stress in (
+                (JUDGED, judged, response),
+                (FINGERTIP, fingertip, pad),
+            )
+        },
+        evidence,
+        tables or {},
+        Fingertip(skin, fingertip),
+        Fingertip(with_ridges(skin, RIDGES), fingertip),
+    )
     if mismatch := judged.fit_mismatch(response):
         warn(mismatch)
     return ValidationData(
@@ -172,9 +211,9 @@ def compute_validation(
         ),
         deflections=deflections,
         convergence=convergence(deflections),
-        evidence=gather(
-            ModelOnResponse(response, judged), ModelOnResponse(pad, fingertip), facts, trains
-        ),
+        evidence=evidence,
+        points=points,
+        recorded_sets=recorded_rows(points, judged.name),
     )
 
 
@@ -217,9 +256,27 @@ def response_of(
     return solved
 
 
+def _further_rates(
+    model: JudgedModel, response: ResponseMap, entries: Sequence[Entry]
+) -> list[Rate]:
+    """Rates under vibrations outside the catalogue, up to the depth of the response."""
+    deepest_um = response.deepest_um
+    dt_ms = finest_step_ms(model.parameters)
+    stimuli = [make_stimulus(entry, model.preindent_um, dt_ms=dt_ms) for entry in entries]
+    reached = [wave for wave in stimuli if wave.displacement_um.max() <= deepest_um]
+    if len(reached) < len(stimuli):
+        omitted = [wave.id for wave in stimuli if wave not in reached]
+        warn(f"deeper than the response of {deepest_um:g} um, left out: {', '.join(omitted)}")
+    return list(_encoded(model, response, reached).mean_rates) if reached else []
+
+
 def _simulated(model: JudgedModel, response: ResponseMap) -> Simulation:
     dt_ms = finest_step_ms(model.parameters)
     stimuli = [make_stimulus(entry, model.preindent_um, dt_ms=dt_ms) for entry in CATALOGUE]
+    return _encoded(model, response, stimuli)
+
+
+def _encoded(model: JudgedModel, response: ResponseMap, stimuli: Sequence[Stimulus]) -> Simulation:
     traces = [response.traces(stimulus, model.parameters) for stimulus in stimuli]
     return encode_all(stimuli, traces, model.parameters, {})
 
@@ -237,8 +294,8 @@ def _left_out(
         )
     if unknown:
         _LOGGER.info(
-            f"left out {len(unknown)} stimuli that are not in the paper's appendix: "
-            f"{', '.join(unknown)} ({observed.path})"
+            f"{len(unknown)} stimuli are not in the paper's appendix and only in the table of "
+            f"recorded sets: {', '.join(unknown)} ({observed.path})"
         )
     return unknown
 
