@@ -344,9 +344,10 @@ def _bar_points(fingertip: Fingertip, table: "DataFrame | None") -> "Iterable[_P
     if table is None:
         return
     stored = touchsim_table("bars")
-    for (kind, width_mm), rows in table.groupby(["shape", "width_mm"], sort=False):
+    groups: list[tuple[Any, DataFrame]] = [*table.groupby(["shape", "width_mm"], sort=False)]
+    for (kind, width_mm), rows in groups:
         position_mm = rows["position_mm"].to_numpy(float)
-        model_ips = fingertip.bar_rates_ips(str(kind), float(width_mm), position_mm)
+        model_ips = fingertip.bar_rates_ips(kind, width_mm, position_mm)
         same = stored[(stored["shape"] == kind) & (stored["width_mm"] == width_mm)]
         touchsim_ips = (
             _within(position_mm, same["position_mm"], same["rate_ips"])

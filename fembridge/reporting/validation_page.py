@@ -350,7 +350,7 @@ def _summary_frame(validation: ValidationData, reference: str) -> "DataFrame":
     cells = cells[
         cells.source.isin(validation.rates.compared_with(reference)) & (cells["set"] == ALL_SETS)
     ]
-    counts = cells.groupby("family")["count"].max()
+    counts = cells["count"].groupby(cells["family"].to_numpy()).max()
     names = {
         family.name: f"{family.title} ({_count_text(int(counts[family.name]), family)} stimuli)"
         for family in FAMILIES
@@ -400,7 +400,7 @@ def _family(validation: ValidationData, family: Family) -> dict[str, Any]:
     cells = cells[
         cells.source.isin(validation.rates.compared_with(reference)) & (cells.family == family.name)
     ]
-    counts = cells.groupby("set", sort=False)["count"].sum()
+    counts = cells["count"].groupby(cells["set"].to_numpy(), sort=False).sum()
     cells = cells[cells["set"].map(counts) > 0]
     return {
         "family": family,
@@ -537,8 +537,9 @@ def _recorded_frame(validation: ValidationData) -> "DataFrame":
     frame = DataFrame(
         rows, index=MultiIndex.from_tuples(index), columns=MultiIndex.from_tuples(heads)
     )
+    frame = frame.dropna(axis="columns", how="all").astype(object).fillna("")
     frame.insert(0, ("", "n"), [str(count) for count in counts])
-    return frame.fillna("")
+    return frame
 
 
 def _source_cells(

@@ -572,14 +572,17 @@ def test_evidence_is_taken_as_a_frame_and_an_unknown_name_is_refused(monkeypatch
         fb.validate(evidence={"distances": table})
     assert (caught.value.argument, caught.value.found) == ("evidence", "distances")
 
-    def compute(response, models, rates, facts, trains):
+    def compute(response, models, rates, facts, trains, touches):
         taken.update(facts)
+        taken.update(touches)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(f"{module}.compute_validation", compute)
+    bars = pd.DataFrame({"shape": ["gap"], "width_mm": 1, "position_mm": 0.5, "rate_ips": 9.0})
     with pytest.raises(KeyboardInterrupt):
-        fb.validate(evidence={"distance": table})
+        fb.validate(evidence={"distance": table, "bars": bars})
     assert_array_equal(taken[DISTANCE].table, table)
+    assert_frame_equal(taken["bars"], bars, check_dtype=False)
 
 
 LEAST_PT = 7.0
