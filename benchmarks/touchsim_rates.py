@@ -262,10 +262,12 @@ def fields():
     return pandas.DataFrame(rows, columns=["afferent", "model", "threshold_um", "area_mm2"])
 
 
-def lattice(half_x_mm, half_y_mm):
-    across = np.arange(-round(half_x_mm / PIN_STEP_MM), round(half_x_mm / PIN_STEP_MM) + 1)
-    along = np.arange(-round(half_y_mm / PIN_STEP_MM), round(half_y_mm / PIN_STEP_MM) + 1)
-    x, y = np.meshgrid(across * PIN_STEP_MM, along * PIN_STEP_MM)
+def bar_pins(from_mm, to_mm):
+    """Places of the pins that fill a bar across 8 mm."""
+    count = round((to_mm - from_mm) / PIN_STEP_MM)
+    across = from_mm + (np.arange(count) + 0.5) * PIN_STEP_MM
+    along = (np.arange(32) - 15.5) * PIN_STEP_MM
+    x, y = np.meshgrid(across, along)
     return np.column_stack([x.ravel(), y.ravel()])
 
 
@@ -281,11 +283,11 @@ def bars():
     for width in (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0):
         for kind in ("bar", "gap"):
             half = 0.5 * width
-            places = lattice(half if kind == "bar" else half + 4.0, 4.0)
-            if kind == "bar":  # pins fill the width
-                places = places[np.abs(places[:, 0]) <= half - 0.5 * PIN_STEP_MM + 1e-9]
+            if kind == "bar":
+                places = bar_pins(-half, half)
             else:
-                places = places[np.abs(places[:, 0]) >= half + 0.5 * PIN_STEP_MM - 1e-9]
+                beside = bar_pins(half, half + 4.0)
+                places = np.concatenate([beside, -beside])
             trains = spikes_ms(population, pin(ramp, 0.5 * PIN_STEP_MM, places))
             rates = 1e3 * counts(trains, (50.0, 550.0)) / 500.0
             for position, rate in zip(positions, rates.reshape(-1, 4).mean(axis=1), strict=True):
