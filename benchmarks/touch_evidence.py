@@ -347,10 +347,10 @@ RECORDED = ("rows", "texture_agreement")
 
 def replaced(page, name, markdown_table):
     """Text of a page with another table between the marks of `name`."""
-    marks = re.compile(rf"(<!-- {name} -->\n\n).*?(\n\n<!-- end -->)", re.DOTALL)
+    marks = re.compile(rf"(<!-- {name} -->\n).*?(<!-- end -->)", re.DOTALL)
     if not marks.search(page):
         raise SystemExit(f"the page has no <!-- {name} --> ... <!-- end -->")
-    return marks.sub(lambda match: match.group(1) + markdown_table + match.group(2), page)
+    return marks.sub(lambda match: f"{match[1]}\n{markdown_table}\n\n{match[2]}", page)
 
 
 def main():

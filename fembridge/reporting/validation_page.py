@@ -346,6 +346,8 @@ def _titles(validation: ValidationData) -> dict[str, str]:
 
 def _summary_frame(validation: ValidationData, reference: str) -> "DataFrame":
     """Agreement of all families with `reference`; with observed rates also the goals."""
+    from pandas import Series
+
     cells = validation.agreement.loc[[reference]]
     cells = cells[
         cells.source.isin(validation.rates.compared_with(reference)) & (cells["set"] == ALL_SETS)
@@ -361,7 +363,9 @@ def _summary_frame(validation: ValidationData, reference: str) -> "DataFrame":
         paper = f"R² > {PAPER_R_SQUARED:g}, p < {rates.PAPER_P_VALUE:g}"
         project = f"R² ≥ {rates.GOAL_R_SQUARED:g}, RMSE below TouchSim"
         for goal, column in ((paper, judged.meets_paper), (project, judged.meets_goal)):
-            frame["Goals of this model", goal] = [_mark(met) for met in column]
+            # As objects: pandas with pyarrow would make `Markup` a plain text.
+            marks = Series([_mark(met) for met in column], frame.index, dtype=object)
+            frame["Goals of this model", goal] = marks
     return frame
 
 

@@ -326,7 +326,7 @@ def test_each_family_with_a_low_r_squared_or_a_large_error_is_a_shortfall(study)
 
 
 @pytest.mark.usefixtures("computed")
-def test_stimuli_outside_the_paper_are_left_out_and_logged(tmp_path, logged):
+def test_stimuli_outside_the_paper_are_only_recorded_sets_and_logged(tmp_path, logged):
     rates = [Rate("sine_20_250", "SA", 25.0), Rate("sine_40_100", "SA", 20.0)]
     write_rates(tmp_path / "rates.csv", rates)
     observed = read_observed(tmp_path / "rates.csv")
@@ -334,6 +334,9 @@ def test_stimuli_outside_the_paper_are_left_out_and_logged(tmp_path, logged):
         stored_source("quick").response, judged_models("published"), observed
     )
     assert study.left_out == ("sine_40_100",)
+    [other] = study.points[study.points["set"] == "sine_other"].to_dict("records")
+    assert (other["condition"], other["recorded"]) == ("sine_40_100", 20.0)
+    assert other["judged"] > 0 and other["fingertip"] > 0
     assert ["sine_40_100" in line for line in logged] == [True]
 
 
@@ -562,6 +565,23 @@ def test_a_validation_has_its_tables_and_comes_back_from_its_files(tmp_path, stu
         read.plot()
 
 
+def test_a_folder_of_recorded_tables_adds_rates_and_touches(tmp_path, observed_file, monkeypatch):
+    taken = {}
+
+    def compute(response, models, rates, facts, trains, touches):
+        taken.update(touches, rates=rates)
+        raise KeyboardInterrupt
+
+    module = "fembridge.reporting.validation_data"
+    monkeypatch.setattr(f"{module}.compute_validation", compute)
+    write_rates(tmp_path / "more.csv", [Rate("sine_30_100", "SA", 9.0)])
+    (tmp_path / "areas.csv").write_text("afferent,area_mm2\nPC,80\n", encoding="utf-8")
+    with pytest.raises(KeyboardInterrupt):
+        fb.validate(observed=observed_file, recorded=tmp_path)
+    assert taken["fields"]["area_mm2"].tolist() == [80]
+    assert {"sine_30_100", "sine_20_250"} <= set(taken["rates"].stimuli)
+
+
 @pytest.mark.usefixtures("no_page")
 def test_evidence_is_taken_as_a_frame_and_an_unknown_name_is_refused(monkeypatch):
     taken = {}
@@ -693,6 +713,28 @@ def test_a_table_of_agreement_shows_the_numbers_of_its_csv_file(tables, report, 
             for half, *pair in zip((5e-3, 5e-4, 0.05, 0.05), numbers, expected, strict=True):
                 assert_allclose(*pair, rtol=0, atol=half * 1.001)
     assert compared == 3 * (3 + 1) + (2 * 3 if reference == "TouchSim" else 0)
+
+
+def test_the_rows_of_recorded_sets_are_those_of_the_csv_file(tables, report):
+    rows = [row for row in rows_of(report / "recorded_sets.csv") if not row["missing"]]
+    shown = [row for row in tables["recorded_sets"] if row[-1] != "ratio" and row[0] != ""]
+    keys = list(dict.fromkeys((row["set"], row["afferent"]) for row in rows))
+    body = tables["recorded_sets"][2:]
+    assert len(body) == len(keys)
+    assert shown
+    for (name, afferent), cells in zip(keys, body, strict=True):
+        assert afferent in cells[:2]
+        of_set = [row for row in rows if (row["set"], row["afferent"]) == (name, afferent)]
+        assert of_set[0]["recorded"] in cells[:3]
+        for row in of_set:
+            if row["ratio"]:
+                assert any(cell.startswith(f"{float(row['ratio']):.2f}") for cell in cells)
+
+
+def test_sets_without_data_name_the_table_that_fills_them(page):
+    text = text_of(page)
+    assert "unit,depth_mm,speed_mm_per_s,impulses" in text
+    assert "shape,width_mm,position_mm,rate_ips" in text
 
 
 def test_goals_are_marked_where_rates_were_observed_and_nowhere_else(tables):
