@@ -5,6 +5,7 @@ mean. Depths of more than 1 mm are beyond the range of small strain, as on the p
 `fembridge touch`; the warning is left out here.
 """
 
+import math
 import warnings
 from collections.abc import Sequence
 from contextlib import contextmanager
@@ -122,7 +123,12 @@ class Fingertip(NamedTuple):
         return np.interp(position_mm, units.z_mm, held.rate_ips)
 
     def field_mm2(self, afferent: str) -> tuple[float, bool]:
-        """Area at 4.5 times threshold, and whether the pad contains it completely."""
+        """Area at 4.5 times threshold, and whether the pad contains it completely.
+
+        NaN on a pad that is not the same along the finger: a probe at each position takes minutes.
+        """
+        if not self.pad.uniform_along:
+            return math.nan, False
         with _quiet():
             field = receptive_field(
                 afferent,

@@ -142,6 +142,8 @@ def recorded_points(
     tables: "Mapping[str, DataFrame]",
     fingertip: Fingertip,
     textured: Fingertip,
+    *,
+    touches_of: str = FINGERTIP,
 ) -> "DataFrame":
     """Every recorded number with that of each source, NaN where a source has none.
 
@@ -157,6 +159,9 @@ def recorded_points(
         Tables of `fembridge.evidence.recorded_folder` by name.
     fingertip, textured
         The fingertip, and the fingertip with the skin on which textures are scanned.
+    touches_of
+        Source whose parameters the fingertip has: `FINGERTIP` (default) or, of a model that is on
+        a pad itself, `JUDGED`.
 
     Returns
     -------
@@ -176,7 +181,11 @@ def recorded_points(
         *_texture_points(textured, tables.get("textures")),
         *_bar_points(fingertip, tables.get("bars")),
     ]
-    return DataFrame(points, columns=list(POINT_COLUMNS))
+    table = DataFrame(points, columns=list(POINT_COLUMNS))
+    if touches_of == JUDGED:
+        table[JUDGED] = table[JUDGED].fillna(table[FINGERTIP])
+        table[FINGERTIP] = np.nan
+    return table
 
 
 _Point = tuple[Any, ...]
@@ -215,20 +224,21 @@ def _within(x: Any, known_x: "Series[float]", known_y: "Series[float]") -> Any: 
 
 
 def _threshold_points(evidence: "Evidence") -> "Iterable[_Point]":
-    judged, fingertip = evidence.judged.tuning, evidence.fingertip.tuning
-    keys = ["afferent", "criterion", "frequency_hz"]
-    of_fingertip = judged[keys].merge(fingertip, how="left", on=keys)
+    judged, keys = evidence.judged.tuning, ["afferent", "criterion", "frequency_hz"]
+    fingertip_um: Any = np.full(len(judged), np.nan)
+    if evidence.fingertip:
+        fingertip_um = judged[keys].merge(evidence.fingertip.tuning, how="left", on=keys)
+        fingertip_um = fingertip_um["model_um"]
     touchsim = _joined(judged, "thresholds", keys, "amplitude_um")
-    for row, other_um, touchsim_um in zip(
-        judged.itertuples(), of_fingertip["model_um"], touchsim, strict=True
-    ):
+    for row, other_um, touchsim_um in zip(judged.itertuples(), fingertip_um, touchsim, strict=True):
         condition = f"{row.criterion}, {row.frequency_hz:g} Hz"
         numbers = (row.amplitude_um, row.model_um, other_um, touchsim_um)
         yield ("thresholds", str(row.afferent), condition, *map(float, numbers))
 
 
 def _timing_points(evidence: "Evidence") -> "Iterable[_Point]":
-    judged, fingertip = evidence.judged.timing, evidence.fingertip.timing
+    judged = evidence.judged.timing
+    fingertip = evidence.fingertip.timing if evidence.fingertip else None
     keys = ["afferent", "amplitude_um"]
     names = {
         "impulses_per_cycle": "impulses_per_cycle",
@@ -236,12 +246,12 @@ def _timing_points(evidence: "Evidence") -> "Iterable[_Point]":
         "strength_2f": "vector_strength_40hz",
     }
     at_20_hz = (judged["frequency_hz"] == TIMING_HZ).to_numpy()
-    for name, column in names.items():
-        touchsim = np.where(at_20_hz, _joined(judged, "timing", keys, column), np.nan)
+    for name, stored in names.items():
+        touchsim = np.where(at_20_hz, _joined(judged, "timing", keys, stored), np.nan)
         group = "timing_impulses" if name == "impulses_per_cycle" else "timing_strengths"
-        numbers = zip(
-            judged[name], judged[f"model_{name}"], fingertip[f"model_{name}"], touchsim, strict=True
-        )
+        column = f"model_{name}"
+        others = np.full(len(judged), np.nan) if fingertip is None else fingertip[column]
+        numbers = zip(judged[name], judged[column], others, touchsim, strict=True)
         for row, values in zip(judged.itertuples(), numbers, strict=True):
             condition = f"{name}, {row.frequency_hz:g} Hz, {row.amplitude_um:g} um"
             yield (group, str(row.afferent), condition, *map(float, values))

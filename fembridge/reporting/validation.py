@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from fembridge.plots.style import Panels
     from fembridge.reporting.validation_data import ValidationData
     from fembridge.response.response_map import ResponseLike
+    from fembridge.touching.pad import Pad
+    from fembridge.touching.pad_probe import PadProbe
     from neural import ParameterSet
 
 PathLike: TypeAlias = str | Path
@@ -192,8 +194,9 @@ def validate(
     *,
     finger: str | Finger = "quick",
     response: ResponseLike | None = None,
+    pad: str | Path | Pad | PadProbe | None = None,
     observed: PathLike | DataFrame | None = None,
-    parameters: PathLike | ParameterSet = "fitted",
+    parameters: PathLike | ParameterSet | None = None,
     evidence: Mapping[str, PathLike | DataFrame] | None = None,
     recorded: PathLike | None = None,
 ) -> Validation:
@@ -209,12 +212,15 @@ def validate(
     response
         Response map, or its file or folder as `fembridge.simulate` writes it, instead of
         that of `finger`. Default: None.
+    pad
+        Pad whose default probe gives the stress, as in `touch`, or a `PadProbe`: another probe,
+        position or skin. Instead of `finger`. Default: None.
     observed
         Observed rates in impulses/s of any of the paper's 82 stimuli: a DataFrame or the path
         of a table ``stimulus, afferent, rate_ips``. Default: None, TouchSim is the reference.
     parameters
-        Parameter set to judge: ``fitted``, ``published``, a TOML file or a `ParameterSet`.
-        Default: ``fitted``.
+        Parameter set to judge: ``fitted``, ``fitted_pad``, ``published``, a TOML file or a
+        `ParameterSet`. Default: None, ``fitted``, on a pad ``fitted_pad``.
     evidence
         Tables (DataFrames or paths) instead of published ones, by name: ``thresholds``
         (``afferent, criterion, frequency_hz, amplitude_um``), ``impulses`` (``afferent,
@@ -250,6 +256,7 @@ def validate(
     """
     from fembridge.reporting import validation_data
     from fembridge.reporting.validation_page import PAGE, csv_tables, input_record
+    from fembridge.touching.pad_probe import pad_probe
 
     tables = dict(evidence or {})
     spikes = tables.pop("spikes", None)
@@ -272,12 +279,14 @@ def validate(
     if observed is not None:
         folder_rates.insert(0, read_observed(_path_or_frame(observed), complete=False))
     rates = joined_rates(folder_rates)
+    if parameters is None:
+        parameters = "fitted" if pad is None else validation_data.FINGERTIP_SET
     models = validation_data.judged_models(parameters)
     if output is not None:
         check_output(Path(output), PAGE)
-    data = validation_data.compute_validation(
-        validation_data.response_of(finger, response, models), models, rates, facts, trains, touches
-    )
+    skin = None if pad is None else pad_probe(pad).skin()
+    solved = validation_data.response_of(finger, response, models, pad)
+    data = validation_data.compute_validation(solved, models, rates, facts, trains, skin, touches)
     result = Validation(csv_tables(data), input_record(data), data)
     if output is not None:
         result.write(output)

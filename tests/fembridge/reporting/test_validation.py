@@ -452,7 +452,7 @@ def test_a_recorded_unit_is_compared_with_the_cell_closest_to_it(monkeypatch):
     trains = []
     for amplitude_um in (34.74, 129.49, 250):
         stimulus = vibration(20.0, amplitude_um, fitted.preindent_um)
-        stress_pa = model.response.stress_pa(cells, [stimulus])
+        stress_pa = model.response.stress_pa(cells, [stimulus])[:, 0]
         [trains_ms] = encode_cells(stress_pa, stimulus.dt_ms, cells)
         trains.append(SpikeTrain(f"sine_20_{amplitude_um}", "RA", trains_ms[5]))
     monkeypatch.setattr(recorded, "_distance", lambda *_: None)
@@ -568,7 +568,7 @@ def test_a_validation_has_its_tables_and_comes_back_from_its_files(tmp_path, stu
 def test_a_folder_of_recorded_tables_adds_rates_and_touches(tmp_path, observed_file, monkeypatch):
     taken = {}
 
-    def compute(response, models, rates, facts, trains, touches):
+    def compute(response, models, rates, facts, trains, skin, touches):
         taken.update(touches, rates=rates)
         raise KeyboardInterrupt
 
@@ -592,7 +592,7 @@ def test_evidence_is_taken_as_a_frame_and_an_unknown_name_is_refused(monkeypatch
         fb.validate(evidence={"distances": table})
     assert (caught.value.argument, caught.value.found) == ("evidence", "distances")
 
-    def compute(response, models, rates, facts, trains, touches):
+    def compute(response, models, rates, facts, trains, skin, touches):
         taken.update(facts)
         taken.update(touches)
         raise KeyboardInterrupt
