@@ -72,7 +72,8 @@ def agreement_text(row):
     rmse = f"×{rmse}" if math.isnan(row["bias"]) and row["ratio"] == row["ratio"] else rmse
     fall = f", r {text(row['correlation'])}" if row["correlation"] < 0 else ""
     reached = "" if not row["count"] < row["recorded"] else f", {row['count']:.0f} reached"
-    parts = [text(row["r_squared"]), f"({rmse})" if rmse not in ("–", "×–") else ""]
+    share = text(row["r_squared"])
+    parts = [share, f"({rmse})"] if share != "–" else ["ratio"]
     parts.append(text(row["ratio"]) if row["source"] != OUYANG_SOURCE else "")
     return " ".join(filter(None, parts)) + fall + reached
 
@@ -87,7 +88,9 @@ def rows(validation):
         head = [f"{sets[name].title}, {sets[name].source}", afferent, sets[name].role]
         first = group.iloc[0]
         if first["missing"]:
-            lines.append([*head, "0", "no data: " + first["missing"], "", "", ""])
+            if afferent == sets[name].afferents[0]:
+                head[1] = ", ".join(sets[name].afferents)
+                lines.append([*head, "0", "no data: " + first["missing"], "", "", ""])
             continue
         sources = (validation.judged, FINGERTIP, TOUCHSIM, OUYANG_SOURCE)
         cells = [agreement_text(by_source.get(source)) for source in sources]
