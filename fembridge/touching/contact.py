@@ -18,7 +18,7 @@ in that direction, and C is that of both: no longer symmetric, solved in the sam
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from threading import Lock
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -34,6 +34,8 @@ from fembridge.typing import BoolArray, FloatArray, IntArray, SingleArray
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
+
+    from threadpoolctl import ThreadpoolController
 
 # Forces below this share of the largest are rounding; nodes may be inside the shape by
 # this share of its depth, a nanometre or so: what single precision resolves.
@@ -255,12 +257,10 @@ class _OneThread:
 
     def enter(self) -> None:
         """Set the limit, unless it is set."""
-        from threadpoolctl import threadpool_limits
-
         with self._lock:
             self._inside += 1
             if self._inside == 1:
-                self._limit = threadpool_limits(1, user_api="blas")
+                self._limit = _blas_libraries().limit(limits=1, user_api="blas")
 
     def leave(self) -> None:
         """Take the limit back once nobody is inside."""
@@ -272,6 +272,15 @@ class _OneThread:
 
 
 _one_thread = _OneThread()
+
+
+@cache
+def _blas_libraries() -> "ThreadpoolController":
+    """The libraries of NumPy and SciPy with threads; finding them takes 6 ms, so once."""
+    import scipy.linalg  # noqa: F401 - its library is then loaded
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 class ContactSolver:

@@ -167,7 +167,8 @@ def driving_stress_pa(
     straight = drag is None or not turns
     forces = np.ascontiguousarray(forces_n, dtype=np.float32)
     if drag is not None and not straight:
-        forces = np.concatenate([forces, forces * drag[:, :1], forces * drag[:, 1:]], axis=1)
+        aside = drag.astype(np.float32)
+        forces = np.concatenate([forces, forces * aside[:, :1], forces * aside[:, 1:]], axis=1)
     steady = (float(drag[0, 0]), float(drag[0, 1])) if drag is not None and straight else (0.0, 0.0)
     columns = pad.columns_per_place(nodes)
     step = max(1, _BLOCK // (6 * max(*forces.shape, columns)))
@@ -186,11 +187,11 @@ def driving_stress_pa(
             some = tuple(values[selected] for values in places)
             table = read_influence(pad, nodes, some, steady, read)
             if not straight:  # along a curve the drag turns: tensors of all three directions
-                aside = [
+                sideways = [
                     read_influence(pad, nodes, some, direction, read)
                     for direction in ((1.0, 0.0), (0.0, 1.0))
                 ]
-                table = np.concatenate([table, *(rows - table for rows in aside)])
+                table = np.concatenate([table, *(rows - table for rows in sideways)])
             if read is _deviator:
                 stress[:, selected] = _lengths(forces, table)
             else:
