@@ -87,7 +87,7 @@ def rows(validation):
         by_source = {row["source"]: row for row in group.to_dict("records")}
         head = [f"{sets[name].title}, {sets[name].source}", afferent, sets[name].role]
         first = group.iloc[0]
-        if first["missing"]:
+        if isinstance(first["missing"], str):
             if afferent == sets[name].afferents[0]:
                 head[1] = ", ".join(sets[name].afferents)
                 lines.append([*head, "0", "no data: " + first["missing"], "", "", ""])

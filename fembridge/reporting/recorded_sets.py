@@ -93,7 +93,7 @@ RECORDED_SETS = (
     RecordedSet("thresholds", "Threshold amplitudes", TRAINING, "um", "Freeman & Johnson 1982",
                 ratios=True),
     RecordedSet("timing_impulses", "Impulses per cycle at 20 Hz", NEITHER, "per cycle", _MUNIAK),
-    RecordedSet("timing_strengths", "Vector strengths at 20 Hz", TRAINING, "", _MUNIAK),
+    RecordedSet("timing_strengths", "Vector strengths at 20 Hz", TRAINING, "1", _MUNIAK),
     RecordedSet("human", "Impulses per cycle of human units", NEITHER, "per cycle",
                 "Johansson et al. 1982"),
     RecordedSet("distance", "Amplitude against distance", NEITHER, "um", "Johnson 1974", ("RA",),
@@ -399,10 +399,11 @@ def recorded_rows(points: "DataFrame", judged: str) -> "DataFrame":
                 "role": recorded_set.role,
                 "unit": recorded_set.unit,
                 "recorded": len(of_class),
-                "missing": "",
+                "missing": math.nan,
             }
             if of_class.empty:
-                rows.append({**fixed, "source": "", "count": 0, "missing": recorded_set.fills})
+                row = {"source": math.nan, "count": 0, "missing": recorded_set.fills}
+                rows.append({**fixed, **row})
             for source, column in sources.items():
                 numbers = _agreement(
                     of_class["recorded"].to_numpy(float),

@@ -531,7 +531,7 @@ def _recorded_frame(validation: ValidationData) -> "DataFrame":
     from pandas import DataFrame, MultiIndex
 
     table = validation.recorded_sets
-    filled = table[table["missing"] == ""]
+    filled = table[table["missing"].isna()]
     sets = {recorded_set.name: recorded_set for recorded_set in RECORDED_SETS}
     rows, index = [], []
     for (name, afferent), group in filled.groupby(["set", "afferent"], sort=False):
@@ -558,7 +558,7 @@ def _source_cells(
 ) -> dict[tuple[str, str], str]:
     """Cells of one source in a row of `_recorded_frame`."""
     title = source_title(row["source"], judged)
-    spec = ".2f" if recorded_set.unit in ("", "per cycle", "impulses") else ".1f"
+    spec = ".2f" if recorded_set.unit in ("1", "per cycle", "impulses") else ".1f"
     rmse = number(row["rmse"], spec)
     if recorded_set.ratios:
         rmse = rmse if rmse == ABSENT else f"× {rmse}"
@@ -579,7 +579,7 @@ def _missing_sets(validation: ValidationData) -> list[tuple[str, str]]:
     """Title of each recorded set without data, and the data that would fill it."""
     table = validation.recorded_sets
     missing = dict(zip(table["set"], table["missing"], strict=True))
-    have = set(table["set"][table["missing"] == ""])
+    have = set(table["set"][table["missing"].isna()])
     return [
         (f"{recorded_set.title} ({recorded_set.role})", missing[recorded_set.name])
         for recorded_set in RECORDED_SETS
