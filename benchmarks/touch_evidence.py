@@ -100,7 +100,7 @@ def rows(validation):
 
 
 def fields():
-    """Areas of receptive fields at 4.5 times threshold, in mm²."""
+    """Median areas of receptive fields at 4.5 times threshold, in mm²."""
     lines = []
     for title, probe_mm, endings_mm, von_mises in (
         ("probe 0.5 mm", 0.5, ENDINGS_MM, False),
@@ -115,8 +115,9 @@ def fields():
                 name, depth_um=[], times_threshold=[4.5], probe_diameter_mm=probe_mm,
                 endings_mm=endings_mm, sa_von_mises=von_mises, pad=PAD,
             )  # fmt: skip
-            area, whole = field.areas[["area_mm2", "whole"]].iloc[0]
-            cells.append(f"{'' if whole else 'over '}{area:.1f} ({field.threshold_um:.0f} µm)")
+            areas, threshold_um = field.areas, np.median(field.threshold_um)
+            over = "" if areas["whole"].all() else "over "
+            cells.append(f"{over}{areas['area_mm2'].median():.1f} ({threshold_um:.0f} µm)")
         lines.append([title, *cells, *[""] * (3 - len(cells))])
     medians = touchsim_table("fields").groupby("afferent")[["area_mm2", "threshold_um"]].median()
     pairs = (medians.loc[name] for name in AFFERENTS)

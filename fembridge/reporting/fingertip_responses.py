@@ -123,7 +123,7 @@ class Fingertip(NamedTuple):
         return np.interp(position_mm, units.z_mm, held.rate_ips)
 
     def field_mm2(self, afferent: str) -> tuple[float, bool]:
-        """Area at 4.5 times threshold, and whether the pad contains it completely.
+        """Median area of units at 4.5 times threshold, and whether the pad contains all fields.
 
         NaN on a pad that is not the same along the finger: a probe at each position takes minutes.
         """
@@ -138,8 +138,7 @@ class Fingertip(NamedTuple):
                 pad=self.pad,
                 parameters=self.model,
             )
-        row = field.areas.iloc[0]
-        return float(row["area_mm2"]), bool(row["whole"])
+        return float(field.areas["area_mm2"].median()), bool(field.areas["whole"].all())
 
 
 def texture_shape(shape: str) -> Shape:
