@@ -64,6 +64,7 @@ RANGES: Mapping[str, Range] = {
     "forces_per_deck": _COUNT,
     "tilt_deg": Range(-85, 85),
     "at_mm": Range(-1000, 1000),
+    "background_um": Range(0, 1900),
     "bin_ms": _POSITIVE,
     "cells": Range(1, 1000, is_whole=True),
     "criterion": Range(ABOVE_ZERO, 1),
@@ -114,6 +115,7 @@ RANGES: Mapping[str, Range] = {
     "time_limit_s": _POSITIVE,
     "times_threshold": Range(ABOVE_ZERO, 10_000),
     "trials": Range(1, 10_000, is_whole=True),
+    "units": Range(1, 200, is_whole=True),
     "window_ms": Range(-_HIGH, _HIGH),
 }
 """Range of each numeric argument of the public functions; a function may accept less."""

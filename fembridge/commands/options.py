@@ -251,8 +251,8 @@ _SHARED: Mapping[str, Description] = {
     ),
     "endings_mm": (
         "MM",
-        "distance from the ending of an SA or RA unit to eight further endings of half its "
-        "sensitivity; the ending with the largest drive counts; 0: a single ending",
+        "distance from the most sensitive ending of an SA or RA unit up to which its 3 to 9 other "
+        "endings lie; the ending with the largest drive counts; 0: a single ending",
     ),
     "sa_von_mises": "SA units respond to von Mises stress, as in the paper, instead of "
     "compression and stretch",

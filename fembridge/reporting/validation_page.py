@@ -348,6 +348,8 @@ def _titles(validation: ValidationData) -> dict[str, str]:
 
 def _summary_frame(validation: ValidationData, reference: str) -> "DataFrame":
     """Agreement of all families with `reference`; with observed rates also the goals."""
+    from pandas import Series
+
     cells = validation.agreement.loc[[reference]]
     cells = cells[
         cells.source.isin(validation.rates.compared_with(reference)) & (cells["set"] == ALL_SETS)
@@ -359,7 +361,9 @@ def _summary_frame(validation: ValidationData, reference: str) -> "DataFrame":
         paper = f"R² > {PAPER_R_SQUARED:g}, p < {rates.PAPER_P_VALUE:g}"
         project = f"R² ≥ {rates.GOAL_R_SQUARED:g}, RMSE below TouchSim"
         for goal, column in ((paper, judged.meets_paper), (project, judged.meets_goal)):
-            frame["Goals of this model", goal] = [_mark(met) for met in column]
+            marks = [_mark(met) for met in column]
+            # As objects: a column of text (pyarrow) would lose that they are HTML.
+            frame["Goals of this model", goal] = Series(marks, frame.index, dtype=object)
     return frame
 
 

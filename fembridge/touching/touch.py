@@ -7,7 +7,7 @@ fire in one pass.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from fembridge.errors import UsageError, warn
 from fembridge.ranges import Range, check_range
 from fembridge.solver.mechanics import report_mechanics
 from fembridge.touching.contact import MOST_UM
-from fembridge.touching.contact_history import contact_warnings, solve_contact
+from fembridge.touching.contact_history import ContactHistory, contact_warnings, solve_contact
 from fembridge.touching.fingerprint import Fingerprint
 from fembridge.touching.pad import Pad
 from fembridge.touching.pad_file import resolve_pad
@@ -153,6 +153,72 @@ def touch(
     >>> fb.touch("grating", slide, population="line").trajectory.name
     'slide 80 mm/s 0.3 N'
     """
+    inputs = resolve_touch(
+        shape,
+        trajectory,
+        stimulus=stimulus,
+        press_um=press_um,
+        press_n=press_n,
+        population=population,
+        pad=pad,
+        finger=finger,
+        ridges=ridges,
+        parameters=parameters,
+        at_mm=at_mm,
+        angle_deg=angle_deg,
+        tilt_deg=tilt_deg,
+        friction=friction,
+        preindent_um=preindent_um,
+    )
+    return touch_skin(
+        inputs.pad,
+        inputs.shape,
+        inputs.trajectory,
+        inputs.population,
+        inputs.parameters,
+        friction=inputs.friction,
+        trials=trials,
+        noise_mv=noise_mv,
+        seed=seed,
+    )
+
+
+class TouchInputs(NamedTuple):
+    """The arguments of a touch, resolved: all but trials, noise and its seed.
+
+    `shape` is at its place; None for the pins of `trajectory`.
+    """
+
+    pad: Pad
+    shape: Shape | None
+    trajectory: Trajectory
+    population: Population
+    parameters: ParameterSet
+    friction: float
+
+
+def resolve_touch(
+    shape: str | Shape = SHAPE,
+    trajectory: Trajectory | None = None,
+    *,
+    stimulus: WaveformLike | None = None,
+    press_um: float | None = None,
+    press_n: float | None = None,
+    population: str | os.PathLike[str] | pandas.DataFrame | Population = "fingertip",
+    pad: str | Path | Pad = PAD,
+    finger: str | Path | Finger | None = None,
+    ridges: str | Fingerprint | None = None,
+    parameters: str | Path | ParameterSet | None = None,
+    at_mm: tuple[float, float] = (0.0, 0.0),
+    angle_deg: float = 0.0,
+    tilt_deg: tuple[float, float] = (0.0, 0.0),
+    friction: float | None = None,
+    preindent_um: float | None = None,
+) -> TouchInputs:
+    """Pad, shape at its place, trajectory, population and parameters of a touch.
+
+    Arguments, errors and warnings are those of `touch`.
+    """
     skin = resolve_pad(pad)
     if finger is not None:
         skin = relaxing_pad(skin, finger)
@@ -190,16 +256,8 @@ def touch(
         raise UsageError("is for a shape, not for pins", argument=argument)
     depths_um = None if path.preindent_um is None else {path.preindent_um}
     report_mechanics(selected, skin.mechanics, depths_um)
-    return touch_skin(
-        skin,
-        body,
-        path,
-        units,
-        selected,
-        friction=FRICTION if friction is None else friction,
-        trials=trials,
-        noise_mv=noise_mv,
-        seed=seed,
+    return TouchInputs(
+        skin, body, path, units, selected, FRICTION if friction is None else friction
     )
 
 
@@ -214,10 +272,12 @@ def touch_skin(
     trials: int = 1,
     noise_mv: float = 0.0,
     seed: int = 0,
+    contact: ContactHistory | None = None,
 ) -> Touch:
     """Touch a pad by a `shape` at its place, or by the pins of `trajectory`.
 
-    The arguments are those of `touch`, resolved.
+    The arguments are those of `touch`, resolved; `contact` is that of an earlier touch with the
+    same pad, shape, trajectory and friction, which is then not solved again.
 
     Raises
     ------
@@ -240,7 +300,8 @@ def touch_skin(
     ):
         check_range(argument, value)
     check_inside(pad, population)
-    contact = solve_contact(pad, shape, trajectory, friction)
+    if contact is None:
+        contact = solve_contact(pad, shape, trajectory, friction)
     fired = encode_units(
         ContactStress(pad, population, contact),
         list(population.afferent),

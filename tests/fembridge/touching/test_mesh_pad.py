@@ -135,11 +135,13 @@ def test_units_away_from_the_points_with_stress_are_refused():
 @pytest.mark.filterwarnings("ignore::fembridge.errors.FembridgeWarning")
 def test_a_receptive_field_of_a_mesh_is_pressed_everywhere():
     field = fb.receptive_field(
-        "SA", depth_um=[300], step_mm=0.5, probe_diameter_mm=0.5, pad=PAD, endings_mm=0.0
-    )
-    assert field.impulses.shape == (1, 3, 3)
-    assert field.impulses[0, 1, 1] == field.impulses.max() > field.impulses[0, 0, 0]
-    assert_allclose(field.impulses, field.impulses[:, ::-1, ::-1])
+        "SA", units=1, depth_um=[300], times_threshold=[], step_mm=0.5, probe_diameter_mm=0.5,
+        pad=PAD, endings_mm=0.0,
+    )  # fmt: skip
+    (impulses,) = field.impulses
+    assert impulses.shape == (1, 3, 3)
+    assert impulses[0, 1, 1] == impulses.max() > impulses[0, 0, 0]
+    assert_allclose(impulses, impulses[:, ::-1, ::-1])
 
 
 @pytest.mark.filterwarnings("ignore:parameter set")
