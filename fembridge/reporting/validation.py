@@ -284,8 +284,9 @@ def validate(
     models = validation_data.judged_models(parameters)
     if output is not None:
         check_output(Path(output), PAGE)
-    skin = None if pad is None else pad_probe(pad).skin()
-    solved = validation_data.response_of(finger, response, models, pad)
+    probe = None if pad is None else pad_probe(pad)
+    solved = validation_data.response_of(finger, response, models, probe)
+    skin = None if probe is None else probe.skin()
     data = validation_data.compute_validation(solved, models, rates, facts, trains, skin, touches)
     result = Validation(csv_tables(data), input_record(data), data)
     if output is not None:

@@ -167,6 +167,59 @@ def report(study, tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def on_pad(observed_file):
+    """`fitted_pad` under a pin at two positions on the ridged pad."""
+    probe = fb.PadProbe(positions=2)
+    observed = read_observed(observed_file, complete=False)
+    table, source = published(THRESHOLDS).table, published(THRESHOLDS).source
+    few = Facts(table[table.frequency_hz.between(70, 80)], source)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recorded, "CURVE_HZ", (200.0,))
+        patch.setattr(recorded, "_PIN_UM", recorded._PIN_UM[::8])
+        models = judged_models("fitted_pad")
+        return compute_validation(
+            probe.response, models, observed, {THRESHOLDS: few}, skin=probe.skin()
+        )
+
+
+def test_a_page_on_a_pad_has_the_rates_of_the_pad_alone(on_pad, tmp_path, undrawn):
+    assert on_pad.on_pad
+    simulated = fb.simulate(
+        "sine_20_250", response=fb.PadProbe(positions=2), parameters="fitted_pad"
+    ).rates.groupby("afferent")["rate_ips"]
+    for name in AFFERENTS:
+        [rate_ips] = on_pad.rates.rates_ips("fitted_pad", name, ["sine_20_250"])
+        assert_allclose(rate_ips, [simulated.mean()[name]])
+    assert "fingertip" not in set(on_pad.rates.frame["source"])
+    assert fingertip_shortfalls(on_pad) == ()
+    tables = validation_page.csv_tables(on_pad)
+    assert not [name for name in tables if name.startswith("fingertip")]
+    assert len(tables["distance"]) == len(published(DISTANCE).table)
+    page = page_text(on_pad, COMMAND, tmp_path)
+    assert "ridges 0.44 mm apart" in page
+    assert page.count('id="fingertip-section"') == 1
+    assert "fingertip_rates" not in page
+    assert not [name for name in validation_page.figure_functions(on_pad) if "fingertip" in name]
+
+
+def test_cells_of_all_positions_are_in_order_of_their_sensitivity(on_pad):
+    """Each of ten cells at both positions, then the next: the first fire most."""
+    trains = [
+        train
+        for train in on_pad.simulations["fitted_pad"].trains
+        if (train.stimulus, train.afferent) == ("sine_20_250", "RA")
+    ]
+    assert sorted(train.cell for train in trains) == list(range(1, 21))
+    assert {train.unit for train in trains} == {""}
+    spikes = [train.times_ms.size for train in sorted(trains, key=lambda train: train.cell)]
+    assert spikes[0::2] == sorted(spikes[0::2], reverse=True)
+    assert spikes[1::2] == sorted(spikes[1::2], reverse=True)
+    on_response = ModelOnResponse(on_pad.response, on_pad.judged)
+    wave = next(s for s in on_pad.simulations["fitted_pad"].stimuli if s.id == "sine_20_250")
+    assert [times_ms.size for times_ms in on_response.spikes_ms("RA", wave)] == spikes
+
+
 def test_every_stimulus_of_the_catalogue_is_in_one_set_of_one_family():
     assert [id_ for family in FAMILIES for id_ in family.stimuli] == [e.id for e in CATALOGUE]
     for group in (group for family in FAMILIES for group in family.sets):
