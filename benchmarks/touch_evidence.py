@@ -34,6 +34,8 @@ JOHNSON = (
     (3.90, 160), (4.39, 191), (4.96, 273), (5.46, 242), (6.06, 326), (6.89, 409), (7.18, 352),
     (7.78, 541),
 )  # fmt: skip
+# Fibres whose median or mean is printed: they differ in their endings.
+UNITS = 12
 # Of the ten cells of a class the most sensitive.
 KEENEST = float(norm.ppf(0.05))
 HUMAN_MM2 = {"SA": 11.0, "RA": 12.6, "PC": 101.3}
@@ -49,17 +51,19 @@ def fields():
             field = fb.receptive_field(
                 name,
                 depth_um=[],
-                times_threshold=[4.5],
                 probe_diameter_mm=probe_mm,
                 endings_mm=endings_mm,
                 sa_von_mises=sa_von_mises,
                 pad=PAD,
             )
-            area, whole = field.areas[["area_mm2", "whole"]].iloc[0]
+            quartiles = field.summary.set_index("quantity").drop(columns="afferent")
+            low, area, high = quartiles.loc["area_mm2 at 4.5 x threshold"]
+            whole = field.areas["whole"].iloc[field.middle]
             print(
                 f"  {name}, probe {probe_mm:g} mm, endings {endings_mm:g} mm around"
-                f"{', von Mises' * sa_von_mises}: threshold {field.threshold_um:.0f} um, "
-                f"{'' if whole else 'over '}{area:.1f} mm2, in man {human}"
+                f"{', von Mises' * sa_von_mises}: threshold "
+                f"{quartiles.loc['threshold_um', 'median']:.0f} um, {'' if whole else 'over '}"
+                f"{area:.1f} mm2 ({low:.1f} to {high:.1f}), in man {human}"
             )
 
 
@@ -70,8 +74,14 @@ def distance(probe_mm=2.0, preindent_um=550.0, endings_mm=ENDINGS_MM, deviate=0.
     )
     times_ms = np.arange(501) * DT_MS
     sine = np.sin(2 * np.pi * 40 * times_ms / 1000)
-    units = Population.line(step_mm=0.25, half_length_mm=8.0, afferents=("RA",))
-    units = replace(units, endings_mm=endings_mm, deviate=np.full(len(units), deviate))
+    line = Population.line(step_mm=0.25, half_length_mm=8.0, afferents=("RA",))
+    count = UNITS if endings_mm else 1
+    units = Population.at("RA", np.tile(line.x_mm, count), np.tile(line.z_mm, count))
+    # Each fibre at all distances: its endings are drawn from one number.
+    seeds = np.repeat(np.arange(count), len(line))
+    units = replace(
+        units, endings_mm=endings_mm, deviate=np.full(len(units), deviate), endings_seed=seeds
+    )
     amplitudes = np.geomspace(15, 900, 40)
     counts = []
     for amplitude in amplitudes:
@@ -82,7 +92,8 @@ def distance(probe_mm=2.0, preindent_um=550.0, endings_mm=ENDINGS_MM, deviate=0.
         counts.append(touched.rate_ips / 40)
     reached = np.array(counts) >= 0.99
     needed = np.where(reached.any(axis=0), amplitudes[reached.argmax(axis=0)], np.inf)
-    pairs = [f"{mm:.2f} {np.interp(mm, units.z_mm, needed):.0f} ({um})" for mm, um in JOHNSON]
+    needed = np.median(needed.reshape(count, -1), axis=0)
+    pairs = [f"{mm:.2f} {np.interp(mm, line.z_mm, needed):.0f} ({um})" for mm, um in JOHNSON]
     print("  mm, um, (observed):", ", ".join(pairs))
 
 
@@ -107,19 +118,27 @@ def decay():
 def bars(sa_von_mises=False, endings_mm=ENDINGS_MM, pad=PAD):
     """Across the finger; on the plane pad along it."""
     plane = pad is not PAD
-    print(f"SA{', von Mises stress' * sa_von_mises}, endings {endings_mm:g} mm around")
+    count = UNITS if endings_mm else 1
+    print(
+        f"SA{', von Mises stress' * sa_von_mises}, endings {endings_mm:g} mm around, mean of {count}"
+    )
     print("bars, and gaps between ridges of 4 mm, pressed by 1 mm: impulses/s every 0.25 mm")
     step_mm, axis = (0.5, "x") if plane else (0.25, "z")
-    units = Population.line(step_mm, 4.0, axis, ("SA",), finger=pad.finger)
+    line = Population.line(step_mm, 4.0, axis, ("SA",), finger=pad.finger)
+    line = line[getattr(line, f"{axis}_mm") >= 0]
+    classes = ["SA"] * count * len(line)
+    units = Population.at(
+        classes, np.tile(line.x_mm, count), np.tile(line.z_mm, count), finger=pad.finger
+    )
     units = replace(units, sa_von_mises=sa_von_mises, endings_mm=endings_mm)
-    shown = getattr(units, f"{axis}_mm") >= 0
     parameters = parameter_set("fitted" if plane else "fitted_pad")
     for width in (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0):
         lines = []
         for shape in (Shape.bar(width, 14.0), Shape.grating(width, 4.0, relief_mm=2.0)):
             turned = shape.rotated(90.0 if plane else 0.0)
             held = touch_skin(pad, turned, Trajectory.press(press_um=1000), units, parameters)
-            lines.append(" ".join(f"{rate:.0f}" for rate in held.rate_ips[shown][:17]))
+            rates = held.rate_ips.reshape(count, -1).mean(axis=0)
+            lines.append(" ".join(f"{rate:.0f}" for rate in rates[:17]))
         print(f"  {width:g} mm wide:", " | ".join(lines))
 
 

@@ -486,7 +486,7 @@ def receptive_field(
         diameter. Default: None, 0.25, in an array 1.5 diameters.
     endings_mm
         Radius in mm of the area of the endings of an SA or RA unit, as in `Population`; 0: a
-        single ending. Default: 1.6.
+        single ending. Default: 1.5.
     sa_von_mises
         Whether SA units respond to von Mises stress. Default: False.
     pad
