@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from decks.finger import LAYERS, Finger
 from decks.prony import name_of_prony
-from fembridge.errors import FembridgeError, FembridgeWarning, UsageError
+from fembridge.errors import FembridgeError, FembridgeWarning, UsageError, warn
 from fembridge.host.store import sha256_of
 from fembridge.io.formatting import split_unit
 from fembridge.io.run_folder import RUN_FILE, read_run_folder
@@ -282,11 +282,10 @@ def _run_results(
         warnings.simplefilter("always", FembridgeWarning)
         traces = _traces_of(run, checks)
         encoding = None if traces is None else _encoded(run, checks)
-    checks += [
-        Check("encoding", None, str(doubt.message))
-        for doubt in doubts
-        if issubclass(doubt.category, FembridgeWarning)
-    ]
+    for doubt in doubts:
+        if issubclass(doubt.category, FembridgeWarning):
+            checks.append(Check("encoding", None, str(doubt.message)))
+            warn(str(doubt.message))
     if traces is None:
         return
     checks.append(_stress_check(list(traces)))
@@ -420,17 +419,28 @@ def _simulation_checks(result: Simulation) -> Iterator[Check]:
 
 
 def _fit_checks(result: Simulation) -> Iterator[Check]:
-    """Whether a known parameter set was fitted on these mechanics."""
-    from fembridge.solver.mechanics import fit_mismatch
-    from fembridge.trace import finger_id
-    from neural.parameter_sets import SET_NAMES, parameter_set
+    """Whether the parameter set was fitted on these mechanics."""
+    from fembridge.trace import model_id
 
-    name, finger = result.origin.get("parameter_set"), result.origin.get("response")
-    table = _mapping(finger).get("finger")
-    if name not in SET_NAMES or not isinstance(table, Mapping):
-        return
+    mechanics = model_id(_mapping(result.origin.get("response")))
     depths_um = {stimulus.preindent_um for stimulus in result.stimuli}
-    mismatch = fit_mismatch(parameter_set(str(name)), finger_id(dict(table)), depths_um)
+    yield from _mechanics_checks(result.origin, mechanics, depths_um)
+
+
+def _mechanics_checks(
+    record: Mapping[str, Any], mechanics: Mapping[str, str], depths_um: set[float] | None
+) -> Iterator[Check]:
+    """Whether the parameter set of a record was fitted on `mechanics`; a difference is a warning.
+
+    None of `depths_um`: the shape began above the skin.
+    """
+    from fembridge.solver.mechanics import check_mechanics
+    from neural.parameter_sets import ParameterSet
+
+    selected = ParameterSet.from_record(dict(record), "the record")
+    if selected is None or not mechanics:
+        return
+    mismatch = check_mechanics(selected, mechanics, depths_um)
     yield Check("parameters", None if mismatch else True, mismatch or "fitted on these mechanics")
 
 
@@ -484,6 +494,9 @@ def _of_touch(folder: Path) -> Report:
     doubts = [str(text) for text in origin.get("warnings", ())]
     checks = [Check("contact", None, text) for text in doubts]
     checks = checks or [Check("contact", True, "no warning")]
+    start_um = touch.trajectory.preindent_um
+    depths_um = None if start_um is None else {start_um}
+    checks += _mechanics_checks(origin, pad.mechanics, depths_um)
     deepest, hardest = float(touch.depth_um.max()), float(touch.force_n.max())
     facts: dict[str, object] = {
         "pad": _mapping(origin.get("pad")).get("source") or "in memory",

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from fembridge.plots.style import Panels
     from fembridge.reporting.validation_data import ValidationData
     from fembridge.response.response_map import ResponseLike
+    from fembridge.touching.pad import Pad
+    from fembridge.touching.pad_probe import PadProbe
     from neural import ParameterSet
 
 PathLike: TypeAlias = str | Path
@@ -186,8 +188,9 @@ def validate(
     *,
     finger: str | Finger = "quick",
     response: ResponseLike | None = None,
+    pad: str | Path | Pad | PadProbe | None = None,
     observed: PathLike | DataFrame | None = None,
-    parameters: PathLike | ParameterSet = "fitted",
+    parameters: PathLike | ParameterSet | None = None,
     evidence: Mapping[str, PathLike | DataFrame] | None = None,
 ) -> Validation:
     """Comparison of a model with the paper's figures and tables and with recorded afferents.
@@ -202,12 +205,15 @@ def validate(
     response
         Response map, or its file or folder as `fembridge.simulate` writes it, instead of
         that of `finger`. Default: None.
+    pad
+        Pad whose default probe gives the stress, as in `touch`, or a `PadProbe`: another probe,
+        position or skin. Instead of `finger`. Default: None.
     observed
         Observed rates in impulses/s of any of the paper's 82 stimuli: a DataFrame or the path
         of a table ``stimulus, afferent, rate_ips``. Default: None, TouchSim is the reference.
     parameters
-        Parameter set to judge: ``fitted``, ``published``, a TOML file or a `ParameterSet`.
-        Default: ``fitted``.
+        Parameter set to judge: ``fitted``, ``fitted_pad``, ``published``, a TOML file or a
+        `ParameterSet`. Default: None, ``fitted``, on a pad ``fitted_pad``.
     evidence
         Tables (DataFrames or paths) instead of published ones, by name: ``thresholds``
         (``afferent, criterion, frequency_hz, amplitude_um``), ``impulses`` (``afferent,
@@ -238,6 +244,7 @@ def validate(
     """
     from fembridge.reporting import validation_data
     from fembridge.reporting.validation_page import PAGE, csv_tables, input_record
+    from fembridge.touching.pad_probe import pad_probe
 
     tables = dict(evidence or {})
     spikes = tables.pop("spikes", None)
@@ -251,12 +258,14 @@ def validate(
     }
     trains = () if spikes is None else read_spikes(_path_or_frame(spikes))
     rates = None if observed is None else read_observed(_path_or_frame(observed), complete=False)
+    if parameters is None:
+        parameters = "fitted" if pad is None else validation_data.FINGERTIP_SET
     models = validation_data.judged_models(parameters)
     if output is not None:
         check_output(Path(output), PAGE)
-    data = validation_data.compute_validation(
-        validation_data.response_of(finger, response, models), models, rates, facts, trains
-    )
+    skin = None if pad is None else pad_probe(pad).skin()
+    solved = validation_data.response_of(finger, response, models, pad)
+    data = validation_data.compute_validation(solved, models, rates, facts, trains, skin)
     result = Validation(csv_tables(data), input_record(data), data)
     if output is not None:
         result.write(output)

@@ -57,7 +57,7 @@ from fembridge.reporting.rate_tables import (
     RateTable,
     row_of,
 )
-from fembridge.reporting.recorded import STRENGTH_TOLERANCE, Evidence
+from fembridge.reporting.recorded import STRENGTH_TOLERANCE, Comparison, Evidence
 from fembridge.reporting.shortfalls import fingertip_shortfalls, shortfalls
 from fembridge.reporting.svg import inline_svg
 from fembridge.reporting.validation_data import (
@@ -167,7 +167,7 @@ def page_text(validation: ValidationData, command: str, folder: Path) -> str:
         fit_mismatch=validation.judged.fit_mismatch(validation.response),
         held_out=_held_out_frame(validation),
         fingertip_shortfalls=fingertip_shortfalls(validation),
-        fingertip_agreement=_fingertip_frame(validation),
+        fingertip_agreement=None if validation.on_pad else _fingertip_frame(validation),
         ramp_facts=_ramp_facts(),
     )
 
@@ -217,13 +217,14 @@ def figure_functions(validation: ValidationData) -> dict[str, Callable[..., "Fig
             validation.rates.reference(family.stimuli),
             judged,
         )
-    functions["fingertip_rates"] = partial(
-        draw_rates,
-        validation.simulations[FINGERTIP].mean_rates,
-        published=simulation.mean_rates,
-        names={MAIN: "whole fingertip", PUBLISHED: "this model, on the section"},
-    )
-    for prefix, comparison in (("", evidence.judged), ("fingertip_", evidence.fingertip)):
+    if not validation.on_pad:
+        functions["fingertip_rates"] = partial(
+            draw_rates,
+            validation.simulations[FINGERTIP].mean_rates,
+            published=simulation.mean_rates,
+            names={MAIN: "whole fingertip", PUBLISHED: "this model, on the section"},
+        )
+    for prefix, comparison in _comparisons(evidence).items():
         functions[f"{prefix}tuning"] = partial(
             thresholds_figure, comparison.curves, comparison.tuning
         )
@@ -234,6 +235,12 @@ def figure_functions(validation: ValidationData) -> dict[str, Callable[..., "Fig
         "distance": partial(distance_figure, evidence),
         "ramp": partial(raster_figure, evidence.ramp, waveform=evidence.ramp_stimulus),
     }
+
+
+def _comparisons(evidence: Evidence) -> dict[str, Comparison]:
+    """Comparison of each model by the prefix of its files."""
+    fingertip = {} if evidence.fingertip is None else {"fingertip_": evidence.fingertip}
+    return {"": evidence.judged, **fingertip}
 
 
 def csv_tables(validation: ValidationData) -> dict[str, "DataFrame"]:
@@ -268,7 +275,7 @@ def csv_tables(validation: ValidationData) -> dict[str, "DataFrame"]:
     evidence = validation.evidence
     comparisons = {
         f"{prefix}{name}": table
-        for prefix, comparison in (("", evidence.judged), ("fingertip_", evidence.fingertip))
+        for prefix, comparison in _comparisons(evidence).items()
         for name, table in (
             ("timing", comparison.timing),
             ("tuning", comparison.tuning),

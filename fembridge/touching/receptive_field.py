@@ -24,7 +24,7 @@ from fembridge.host.store import filling, read_toml, write_text, write_toml
 from fembridge.io.text_table import read_table
 from fembridge.plots.shown import Shown
 from fembridge.ranges import ABOVE_ZERO, Range, check_range
-from fembridge.solver.mechanics import fit_mismatch
+from fembridge.solver.mechanics import check_mechanics
 from fembridge.touching.contact import (
     MM_PER_UM,
     MOST_UM,
@@ -586,8 +586,8 @@ def receptive_field(
         raise UsageError(f"{afferent} does not fire up to {deepest_um:g} um: no depth to map")
     # The hot spot is pressed, so the pre-indentation of the fit does not matter here.
     finger = skin.mechanics
+    check_mechanics(selected, finger, None)
     for text in (
-        fit_mismatch(selected, finger, {selected.preindent_um}),
         narrow_warning(skin, f"punch {probe_diameter_mm:g} mm", probe_diameter_mm),
         depth_warning(background_um + (depths[-1] if depths else 0.0)),
     ):

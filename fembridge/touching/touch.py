@@ -6,17 +6,16 @@ fire in one pass.
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from fembridge.errors import UsageError, warn
 from fembridge.ranges import Range, check_range
-from fembridge.solver.mechanics import fit_mismatch
+from fembridge.solver.mechanics import report_mechanics
 from fembridge.touching.contact import MOST_UM
-from fembridge.touching.contact_history import contact_warnings, solve_contact
+from fembridge.touching.contact_history import ContactHistory, contact_warnings, solve_contact
 from fembridge.touching.fingerprint import Fingerprint
 from fembridge.touching.pad import Pad
 from fembridge.touching.pad_file import resolve_pad
@@ -30,7 +29,7 @@ from fembridge.touching.touch_result import Touch
 from fembridge.touching.trajectory import Trajectory
 from fembridge.version import __version__
 from neural.encoder import encode_units
-from neural.parameter_sets import ParameterSet, parameter_set, parameters_to_table
+from neural.parameter_sets import ParameterSet, parameter_set
 
 if TYPE_CHECKING:
     import os
@@ -40,8 +39,6 @@ if TYPE_CHECKING:
     from decks.finger import Finger
     from fembridge.io.waveform import WaveformLike
     from fembridge.typing import Table
-
-_LOGGER = logging.getLogger(__name__)
 
 # Friction of skin on the shape (Ishizuka et al., 3.1).
 FRICTION = 0.4
@@ -156,6 +153,72 @@ def touch(
     >>> fb.touch("grating", slide, population="line").trajectory.name
     'slide 80 mm/s 0.3 N'
     """
+    inputs = resolve_touch(
+        shape,
+        trajectory,
+        stimulus=stimulus,
+        press_um=press_um,
+        press_n=press_n,
+        population=population,
+        pad=pad,
+        finger=finger,
+        ridges=ridges,
+        parameters=parameters,
+        at_mm=at_mm,
+        angle_deg=angle_deg,
+        tilt_deg=tilt_deg,
+        friction=friction,
+        preindent_um=preindent_um,
+    )
+    return touch_skin(
+        inputs.pad,
+        inputs.shape,
+        inputs.trajectory,
+        inputs.population,
+        inputs.parameters,
+        friction=inputs.friction,
+        trials=trials,
+        noise_mv=noise_mv,
+        seed=seed,
+    )
+
+
+class TouchInputs(NamedTuple):
+    """The arguments of a touch, resolved: all but trials, noise and its seed.
+
+    `shape` is at its place; None for the pins of `trajectory`.
+    """
+
+    pad: Pad
+    shape: Shape | None
+    trajectory: Trajectory
+    population: Population
+    parameters: ParameterSet
+    friction: float
+
+
+def resolve_touch(
+    shape: str | Shape = SHAPE,
+    trajectory: Trajectory | None = None,
+    *,
+    stimulus: WaveformLike | None = None,
+    press_um: float | None = None,
+    press_n: float | None = None,
+    population: str | os.PathLike[str] | pandas.DataFrame | Population = "fingertip",
+    pad: str | Path | Pad = PAD,
+    finger: str | Path | Finger | None = None,
+    ridges: str | Fingerprint | None = None,
+    parameters: str | Path | ParameterSet | None = None,
+    at_mm: tuple[float, float] = (0.0, 0.0),
+    angle_deg: float = 0.0,
+    tilt_deg: tuple[float, float] = (0.0, 0.0),
+    friction: float | None = None,
+    preindent_um: float | None = None,
+) -> TouchInputs:
+    """Pad, shape at its place, trajectory, population and parameters of a touch.
+
+    Arguments, errors and warnings are those of `touch`.
+    """
     skin = resolve_pad(pad)
     if finger is not None:
         skin = relaxing_pad(skin, finger)
@@ -191,17 +254,10 @@ def touch(
     elif at_mm != (0.0, 0.0) or angle_deg or tuple(tilt_deg) != (0.0, 0.0):
         argument = "angle_deg" if angle_deg else "tilt_deg" if any(tilt_deg) else "at_mm"
         raise UsageError("is for a shape, not for pins", argument=argument)
-    _report_mechanics(selected, skin, path)
-    return touch_skin(
-        skin,
-        body,
-        path,
-        units,
-        selected,
-        friction=FRICTION if friction is None else friction,
-        trials=trials,
-        noise_mv=noise_mv,
-        seed=seed,
+    depths_um = None if path.preindent_um is None else {path.preindent_um}
+    report_mechanics(selected, skin.mechanics, depths_um)
+    return TouchInputs(
+        skin, body, path, units, selected, FRICTION if friction is None else friction
     )
 
 
@@ -216,10 +272,12 @@ def touch_skin(
     trials: int = 1,
     noise_mv: float = 0.0,
     seed: int = 0,
+    contact: ContactHistory | None = None,
 ) -> Touch:
     """Touch a pad by a `shape` at its place, or by the pins of `trajectory`.
 
-    The arguments are those of `touch`, resolved.
+    The arguments are those of `touch`, resolved; `contact` is that of an earlier touch with the
+    same pad, shape, trajectory and friction, which is then not solved again.
 
     Raises
     ------
@@ -242,7 +300,8 @@ def touch_skin(
     ):
         check_range(argument, value)
     check_inside(pad, population)
-    contact = solve_contact(pad, shape, trajectory, friction)
+    if contact is None:
+        contact = solve_contact(pad, shape, trajectory, friction)
     fired = encode_units(
         ContactStress(pad, population, contact),
         list(population.afferent),
@@ -260,8 +319,7 @@ def touch_skin(
         "fembridge": __version__,
         "pad": {"source": pad.source, "sha256": pad.sha256, **pad.origin},
         "finger": pad.mechanics,
-        "parameter_set": parameters.name,
-        "parameters": parameters_to_table(parameters.parameters),
+        **{key: value for key, value in parameters.to_record().items() if value is not None},
         "friction": float(friction),
         "trials": int(trials),
         "noise_mv": float(noise_mv),
@@ -322,16 +380,3 @@ def _resolve_trajectory(
         expected = "a Trajectory, as Trajectory.press, slide or from_table makes it"
         raise UsageError(argument="trajectory", found=trajectory, expected=expected)
     return trajectory.preindented(preindent_um)
-
-
-def _report_mechanics(parameters: ParameterSet, pad: Pad, trajectory: Trajectory) -> None:
-    """Warn of parameters of other mechanics; otherwise log the pre-indentation."""
-    fit_um = parameters.preindent_um
-    depth_um = fit_um if trajectory.preindent_um is None else trajectory.preindent_um
-    if mismatch := fit_mismatch(parameters, pad.mechanics, {depth_um}):
-        warn(mismatch)
-    elif trajectory.preindent_um:
-        _LOGGER.info(
-            f"pre-indentation: {fit_um:g} um, the depth at which the parameter set "
-            f"{parameters.name} was fitted"
-        )

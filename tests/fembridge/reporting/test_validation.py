@@ -449,7 +449,7 @@ def test_a_recorded_unit_is_compared_with_the_cell_closest_to_it(monkeypatch):
     trains = []
     for amplitude_um in (34.74, 129.49, 250):
         stimulus = vibration(20.0, amplitude_um, fitted.preindent_um)
-        stress_pa = model.response.stress_pa(cells, [stimulus])
+        stress_pa = model.response.stress_pa(cells, [stimulus])[:, 0]
         [trains_ms] = encode_cells(stress_pa, stimulus.dt_ms, cells)
         trains.append(SpikeTrain(f"sine_20_{amplitude_um}", "RA", trains_ms[5]))
     monkeypatch.setattr(recorded, "_distance", lambda *_: None)
