@@ -119,9 +119,8 @@ def bars(sa_von_mises=False, endings_mm=ENDINGS_MM, pad=PAD):
     """Across the finger; on the plane pad along it."""
     plane = pad is not PAD
     count = UNITS if endings_mm else 1
-    print(
-        f"SA{', von Mises stress' * sa_von_mises}, endings {endings_mm:g} mm around, mean of {count}"
-    )
+    driven = ", von Mises stress" * sa_von_mises
+    print(f"SA{driven}, endings {endings_mm:g} mm around, mean of {count}")
     print("bars, and gaps between ridges of 4 mm, pressed by 1 mm: impulses/s every 0.25 mm")
     step_mm, axis = (0.5, "x") if plane else (0.25, "z")
     line = Population.line(step_mm, 4.0, axis, ("SA",), finger=pad.finger)
