@@ -179,7 +179,8 @@ def _solve(
         return _press_over_time(pad, shape, trajectory, memory)
     highest = max(float(trajectory.level.max()), 1e-9)
     level = highest * (np.arange(LEVELS) / (LEVELS - 1)) ** 1.5
-    by_force, large_strain = trajectory.by_force, None
+    # A force that never presses is a depth of nothing.
+    by_force, large_strain = trajectory.by_force and float(trajectory.level.max()) > 0, None
     if has_large_strain(pad) and is_deep(pad, shape, level, by_force=by_force):
         nodes: SkinNodes
         nodes, forces, depth_um, large_strain = press_deep(pad, shape, level, by_force=by_force)
