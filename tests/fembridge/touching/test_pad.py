@@ -35,7 +35,7 @@ def tensors(force, x_mm, z_mm, depth_mm=0.55, layer="epidermis"):
 
 def test_a_force_here_moves_there_what_a_force_there_moves_here():
     downward = PAD.compliance[1]
-    assert_allclose(downward, downward.transpose(1, 0, 2), atol=2e-4 * downward.max())
+    assert_allclose(downward, downward.transpose(1, 0, 2), atol=2.5e-4 * downward.max())
     # Of the continuum's compliance, positive definite where nodes are of one lattice.
     matrix = PAD.skin_nodes(half_length_mm=1.0).compliance().matrix
     assert np.linalg.eigvalsh(0.5 * (matrix + matrix.T)).min() > 0
