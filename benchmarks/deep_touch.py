@@ -124,6 +124,8 @@ def _lines(prism: Prism, name: str, alpha: float) -> Iterator[str]:
         yield f"{PROBE_SET}, 1, 1"
         yield f"{PROBE_SET}, 3, 3"
         yield f"{PROBE_SET}, 2, 2, {real(-float(depth_mm))}"
+        yield "*NODE OUTPUT, NSET=OUTPUT_NODES, DOUBLE, FREQUENCY=1000"
+        yield "U"
         yield f"*NODE PRINT, NSET={PROBE_SET}, TOTALS=ONLY, FREQUENCY=1000"
         yield "RF"
         yield "*EL PRINT, ELSET=WATCHED, FREQUENCY=1000"

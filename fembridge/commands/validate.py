@@ -28,8 +28,8 @@ EXAMPLE = "fembridge validate -o report"
 
 _FOLDER = "report"
 _FILES = (
-    *("response", "pad", "shape", "ridges", "observed", "thresholds", "spikes", "impulses"),
-    *("distance", "finger", "parameters"),
+    *("response", "pad", "shape", "ridges", "observed", "recorded", "thresholds", "spikes"),
+    *("impulses", "distance", "finger", "parameters"),
 )
 _NUMBERS = ("positions", "deepest_um")
 _DEFAULTS = {"finger": "quick", "shape": "punch", "positions": 3, "deepest_um": 600.0}
@@ -46,6 +46,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="RATES.csv",
         help="observed rates: a table stimulus,afferent,rate_ips with any of the 82 stimuli and "
         "of SA, RA, PC",
+    )
+    parser.add_argument(
+        "--recorded",
+        metavar="FOLDER",
+        help="recorded responses: tables of rates, ramps, textures, bars and fields, recognised by "
+        "their columns (docs/validation.md)",
     )
     skin = parser.add_mutually_exclusive_group()
     skin.add_argument(

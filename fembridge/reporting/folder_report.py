@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from decks.finger import LAYERS, Finger
 from decks.prony import name_of_prony
-from fembridge.errors import FembridgeError, FembridgeWarning, UsageError, warn
+from fembridge.errors import FembridgeError, FembridgeWarning, UsageError
 from fembridge.host.store import sha256_of
 from fembridge.io.formatting import split_unit
 from fembridge.io.run_folder import RUN_FILE, read_run_folder
@@ -260,6 +260,7 @@ def _run_results(
 ) -> Iterator[Section]:
     """Cost, stress and spikes of a run that is solved."""
     from fembridge.solver.ccx import finished_outcome
+    from fembridge.solver.mechanics import check_mechanics
 
     if not run.results.is_file():
         checks.append(Check("results", None, f"no {run.results.name}: the run is not solved yet"))
@@ -282,16 +283,20 @@ def _run_results(
         warnings.simplefilter("always", FembridgeWarning)
         traces = _traces_of(run, checks)
         encoding = None if traces is None else _encoded(run, checks)
-    for doubt in doubts:
-        if issubclass(doubt.category, FembridgeWarning):
-            checks.append(Check("encoding", None, str(doubt.message)))
-            warn(str(doubt.message))
+    checks += [
+        Check("encoding", None, str(doubt.message))
+        for doubt in doubts
+        if issubclass(doubt.category, FembridgeWarning)
+    ]
     if traces is None:
         return
     checks.append(_stress_check(list(traces)))
     yield from _stress_sections(list(traces), stimuli[0] if stimuli else None)
     if encoding is None:
         return
+    if traces.origin is not None:  # `encode` warned, which the checks have
+        origin = traces.origin
+        check_mechanics(encoding.parameters, origin.finger, {origin.preindent_um})
     spikes = partial(encoding.plot, "raster")
     yield Section(
         "Spikes",

@@ -10,15 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from decks.presets import model_of, read_finger
-from decks.stimuli import CATALOGUE
+from decks.stimuli import CATALOGUE, Entry
 from decks.synthesis import make_stimulus
-from fembridge.errors import MissingError, UsageError
+from fembridge.errors import MissingError, UsageError, warn
 from fembridge.evidence import Facts, touchsim_rates
 from fembridge.fitting.problem import stored_source
 from fembridge.host.machine import SOLVER_INSTALL_LINE, find_ccx
 from fembridge.host.store import sha256_of, temporary_folder
 from fembridge.io.observed_rates import ObservedRates
 from fembridge.io.spike_table import Rate, SpikeTrain
+from fembridge.reporting.fingertip_responses import Fingertip
 from fembridge.reporting.rate_tables import (
     FINGERTIP,
     OBSERVED,
@@ -31,11 +32,18 @@ from fembridge.reporting.rate_tables import (
     threshold_table,
 )
 from fembridge.reporting.recorded import Evidence, ModelOnResponse, gather
+from fembridge.reporting.recorded_sets import (
+    JUDGED,
+    further_stimuli,
+    recorded_points,
+    recorded_rows,
+)
 from fembridge.response.deflection import Deflection, convergence, stored_deflections
 from fembridge.response.indentation import solve_response
 from fembridge.response.response_map import ResponseLike, ResponseMap, load_response
 from fembridge.simulation.simulation import Simulation, encode_all
 from fembridge.solver.mechanics import SMOOTH, check_mechanics, fit_mismatch
+from fembridge.stimulus import Stimulus
 from fembridge.touching.pad_probe import PadProbe, pad_probe
 from fembridge.trace import AFFERENTS, model_id
 from neural import ParameterSet
@@ -84,10 +92,11 @@ class ValidationData:
 
     `models` and `simulations` have the same order: the judged model first; last `FINGERTIP`,
     the parameters of the whole fingertip, simulated on the stored pad, unless the judged model is
-    on a pad itself. `observed` is None
-    without observed rates; `left_out` are stimuli of the observed table outside the paper's 82.
+    on a pad itself. `observed` is None without observed rates; `left_out` are stimuli of the
+    observed table outside the paper's 82, which are only among the recorded sets.
     `agreement`, `held_out`, `thresholds` and `locking` are tables of
-    `fembridge.reporting.rate_tables`; `evidence` compares the judged model with recorded afferents.
+    `fembridge.reporting.rate_tables`; `evidence` compares the judged model with recorded afferents;
+    `points` and `recorded_sets` are tables of `fembridge.reporting.recorded_sets`.
     """
 
     response: ResponseMap
@@ -103,6 +112,8 @@ class ValidationData:
     deflections: tuple[Deflection, ...]
     convergence: Sequence[Mapping[str, Any]]
     evidence: Evidence
+    points: "DataFrame"
+    recorded_sets: "DataFrame"
 
     @property
     def judged(self) -> JudgedModel:
@@ -139,6 +150,7 @@ def compute_validation(
     facts: Mapping[str, Facts] | None = None,
     trains: Sequence[SpikeTrain] = (),
     skin: "Pad | None" = None,
+    tables: "Mapping[str, DataFrame] | None" = None,
 ) -> ValidationData:
     """Results of `models` under the paper's 82 stimuli, on the response of a finger.
 
@@ -155,7 +167,10 @@ def compute_validation(
     trains
         Recorded spikes, instead of the published timing and phases. Default: none.
     skin
-        Pad of the response, for the distance from a probe. Default: None, the reference pad.
+        Pad of the response, for touches. Default: None, the reference pad.
+    tables
+        Recorded responses to touches by name, see `fembridge.evidence.recorded_folder`.
+        Default: none.
 
     Raises
     ------
@@ -181,6 +196,16 @@ def compute_validation(
     sources[TOUCHSIM] = touchsim_rates()
     rates = RateTable(sources)
     deflections = stored_deflections()
+    evidence = gather(ModelOnResponse(response, judged), fingertip, facts, trains, skin)
+    points = _points(
+        observed,
+        simulations,
+        ModelOnResponse(response, judged),
+        fingertip,
+        evidence,
+        tables or {},
+        skin,
+    )
     return ValidationData(
         response=response,
         models=tuple(models),
@@ -196,7 +221,9 @@ def compute_validation(
         ),
         deflections=deflections,
         convergence=convergence(deflections),
-        evidence=gather(ModelOnResponse(response, judged), fingertip, facts, trains, skin),
+        evidence=evidence,
+        points=points,
+        recorded_sets=recorded_rows(points, judged.name),
     )
 
 
@@ -246,10 +273,60 @@ def response_of(
     return solved
 
 
+def _points(
+    observed: ObservedRates | None,
+    simulations: Mapping[str, Simulation],
+    judged: ModelOnResponse,
+    fingertip: ModelOnResponse | None,
+    evidence: Evidence,
+    tables: "Mapping[str, DataFrame]",
+    skin: "Pad | None",
+) -> "DataFrame":
+    """Every recorded number with that of each source; touches are those of the model on a pad."""
+    from fembridge.touching.pad_file import resolve_pad
+    from fembridge.touching.ridged_pad import RidgedPad, with_ridges
+
+    observed_rates = observed.rates() if observed else []
+    further = further_stimuli(observed_rates)
+    models = {JUDGED: judged} | ({FINGERTIP: fingertip} if fingertip else {})
+    rates = {
+        name: [
+            *simulations[on_response.model.name].mean_rates,
+            *_further_rates(on_response.model, on_response.response, further),
+        ]
+        for name, on_response in models.items()
+    }
+    touched = (fingertip or judged).model
+    pad = skin or resolve_pad("reference")
+    smooth = pad.smooth_pad if isinstance(pad, RidgedPad) else pad
+    textured = skin or with_ridges(pad, None)
+    tips = (Fingertip(smooth, touched), Fingertip(textured, touched))
+    on = FINGERTIP if fingertip else JUDGED
+    return recorded_points(observed_rates, rates, evidence, tables, *tips, touches_of=on)
+
+
+def _further_rates(
+    model: ParameterSet, response: ResponseMap, entries: Sequence[Entry]
+) -> list[Rate]:
+    """Rates under vibrations outside the catalogue, up to the depth of the response."""
+    deepest_um = response.deepest_um
+    dt_ms = finest_step_ms(model.parameters)
+    stimuli = [make_stimulus(entry, model.preindent_um, dt_ms=dt_ms) for entry in entries]
+    reached = [wave for wave in stimuli if wave.displacement_um.max() <= deepest_um]
+    if len(reached) < len(stimuli):
+        omitted = [wave.id for wave in stimuli if wave not in reached]
+        warn(f"deeper than the response of {deepest_um:g} um, left out: {', '.join(omitted)}")
+    return list(_encoded(model, response, reached).mean_rates) if reached else []
+
+
 def _simulated(model: ParameterSet, response: ResponseMap) -> Simulation:
     """Spikes and rates under all stimuli, one unit of a class with the cells at all positions."""
     dt_ms = finest_step_ms(model.parameters)
     stimuli = [make_stimulus(entry, model.preindent_um, dt_ms=dt_ms) for entry in CATALOGUE]
+    return _encoded(model, response, stimuli)
+
+
+def _encoded(model: ParameterSet, response: ResponseMap, stimuli: Sequence[Stimulus]) -> Simulation:
     traces = [response.traces(stimulus, model.parameters) for stimulus in stimuli]
     simulation = encode_all(stimuli, traces, model.parameters, {})
     return _pooled(simulation) if response.is_mean else simulation
@@ -282,8 +359,8 @@ def _left_out(
         )
     if unknown:
         _LOGGER.info(
-            f"left out {len(unknown)} stimuli that are not in the paper's appendix: "
-            f"{', '.join(unknown)} ({observed.path})"
+            f"{len(unknown)} stimuli are not in the paper's appendix and only in the table of "
+            f"recorded sets: {', '.join(unknown)} ({observed.path})"
         )
     return unknown
 

@@ -50,8 +50,8 @@ _FIRST_NODES, _FIRST_ENTRIES, _FIRST_MOST = 200, 64, 1_000
 _FIRST_MM, _LEAST_N = 0.05, np.float32(1e-6)
 # Weight of the compliance of single nodes beside that of blocks.
 _LOCAL = 0.5
-# Of few nodes a force as small as this share of the mean force is none.
-_NO_FORCE = 0.01
+# Of few nodes: that share of a displacement, and the share of the mean force that is none.
+_NEAR_TOLERANCE, _NO_FORCE = 0.005, 0.0025
 # Exchanges of few nodes before conjugate gradients take over.
 _MOST_DIRECT = 30
 # A factor is bordered for so many nodes that entered or left, or this share of its nodes.
@@ -398,7 +398,7 @@ class _NearNodes:
             else:
                 self._moved = self._entries @ force
             mean_n = (float(in_contact.sum()) if force_n is None else force_n) / rows.size
-            self._limit_mm = _TOLERANCE * own_mm * max(mean_n, 1e-9)
+            self._limit_mm = _NEAR_TOLERANCE * own_mm * max(mean_n, 1e-9)
             leaving = force < -_NO_FORCE * mean_n
             inside = possible & ~active & (self._moved + gap < depth - self._limit_mm)
             if not (leaving.any() or inside.any()):

@@ -12,8 +12,7 @@ stress, with a sign: skin that bends the other way, beside a bar or into a gap, 
 At nu = 0 it is the pressure alone, which a bar's plateau has and bending hides. `SA_NU`
 lies between (decision 0029). k makes it von Mises stress under the pin that parameters
 are fitted under, so that they hold for it as they are: the flat one of 1 mm that observed
-rates were recorded with. `pad_response` is the answer to it as a response map: what
-`fitted_pad` was fitted on, see ``docs/model_study.md``.
+rates were recorded with. `fembridge.touching.pad_probe` has the map of it that sets are fitted on.
 """
 
 import math
@@ -23,8 +22,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from fembridge.io.run_folder import AfferentNode
-from fembridge.response.response_map import ResponseMap
 from fembridge.touching.contact import blas_threads, press_to
 from fembridge.touching.contact_history import ContactHistory
 from fembridge.touching.influence import read_influence
@@ -36,9 +33,6 @@ from fembridge.typing import FloatArray, IntArray, SingleArray
 SA_NU = 0.07
 # The pin, and how deep it is where k is found.
 PIN_MM, _PIN_UM = 1.0, 200.0
-# Depths of the response map: few enough that nodes which come into contact one by one leave
-# no kinks.
-DEEPEST_UM, _LEVELS = 600.0, 21
 # Numbers that a block of endings takes at a time.
 _BLOCK = 4_000_000
 # States of which tensors are computed at a time: these stay in the cache.
@@ -169,7 +163,8 @@ def driving_stress_pa(
     straight = drag is None or not turns
     forces = np.ascontiguousarray(forces_n, dtype=np.float32)
     if drag is not None and not straight:
-        forces = np.concatenate([forces, forces * drag[:, :1], forces * drag[:, 1:]], axis=1)
+        aside = drag.astype(np.float32)
+        forces = np.concatenate([forces, forces * aside[:, :1], forces * aside[:, 1:]], axis=1)
     steady = (float(drag[0, 0]), float(drag[0, 1])) if drag is not None and straight else (0.0, 0.0)
     columns = pad.columns_per_place(nodes)
     step = max(1, _BLOCK // (6 * max(*forces.shape, columns)))
@@ -188,11 +183,11 @@ def driving_stress_pa(
             some = tuple(values[selected] for values in places)
             table = read_influence(pad, nodes, some, steady, read)
             if not straight:  # along a curve the drag turns: tensors of all three directions
-                aside = [
+                sideways = [
                     read_influence(pad, nodes, some, direction, read)
                     for direction in ((1.0, 0.0), (0.0, 1.0))
                 ]
-                table = np.concatenate([table, *(rows - table for rows in aside)])
+                table = np.concatenate([table, *(rows - table for rows in sideways)])
             if read is _deviator:
                 stress[:, selected] = _lengths(forces, table)
             else:
@@ -271,28 +266,3 @@ def _sa_scale(pad: Pad) -> float:
     influence = pad.influence_pa(nodes, *places)
     read = sa_stress_pa(influence, forces, pad.normal_at(unit.x_mm, unit.z_mm))
     return float(von_mises_pa(influence, forces)[0, 0] / read[0, 0])
-
-
-def pad_response(pad: Pad) -> ResponseMap:
-    """Stress tensors at each site of the pad under the pin, over the apex."""
-    depth_um = DEEPEST_UM * (np.arange(_LEVELS) / (_LEVELS - 1)) ** 1.5
-    nodes, forces, _ = press_to(pad, Shape.punch(PIN_MM), depth_um)
-    sites = pad.afferents
-    layer, x_mm, depth_mm = zip(
-        *((s.layer, s.x_mm, s.depth_mm) for s in sites.values()), strict=True
-    )
-    places = np.array(layer), np.array(x_mm), np.zeros(len(sites)), np.array(depth_mm)
-    influence = pad.influence_pa(nodes, *places)
-    tensor = np.einsum("cun,kn->kuc", influence, forces, dtype=np.float64)
-    tensor[..., 4:] = 0.0  # yz and zx, by symmetry about z = 0, but for rounding
-    return ResponseMap(
-        depth_um=depth_um,
-        tensor_pa=tensor,
-        force_n_per_mm=forces.sum(axis=1),
-        places=tuple(
-            AfferentNode(name, n, site.layer, site.x_mm, -site.depth_mm, site.depth_mm)
-            for n, (name, site) in enumerate(sites.items(), start=1)
-        ),
-        closure_percent=0.0,
-        origin={"finger": pad.model_table, "pad": dict(pad.origin), "pin_mm": PIN_MM},
-    )

@@ -1,6 +1,9 @@
 """The map of a probe on a pad: against whole touches, and what fits and thresholds make of it."""
 
+import shlex
+import shutil
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -15,6 +18,7 @@ from fembridge.fitting.thresholds import FORCE_COLUMNS
 from fembridge.io.observed_rates import read_observed
 from fembridge.response.response_map import read_map, write_map
 from fembridge.touching.fingerprint import Fingerprint
+from fembridge.touching.pad_file import STORED
 from neural.models import model_named
 from neural.parameter_sets import parameter_set
 from neural.parameters import quantiles
@@ -267,3 +271,28 @@ def test_a_stimulus_deeper_than_the_map_is_refused():
     with pytest.raises(ResponseError) as refused:
         fb.simulate("sine_20_250", response=fb.PadProbe(deepest_um=200, ridges="none"))
     assert refused.value.found > 200
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_the_worked_example_of_the_documentation_runs(tmp_path, monkeypatch, capsys, recwarn):
+    """On a stored pad of a mesh, a short search, and without the page."""
+    text = (Path(__file__).parents[3] / "docs" / "own_model.md").read_text(encoding="utf-8")
+    _, _, section = text.partition("### Afferents of your own pad")
+    block = section.split("```sh\n", 1)[1].split("```", 1)[0]
+    commands = [shlex.split(line) for line in block.splitlines()]
+    assert [words[1] for words in commands] == ["fit", "threshold", "touch", "validate"]
+    monkeypatch.chdir(tmp_path)
+    shutil.copyfile(STORED / "fingertip_macaque.npz", "mine.npz")
+    fb.simulate("sine", stored=True).rates.to_csv("rates.csv", index=False)
+    commands[0] += ["--evaluations", "60", "--population", "20"]
+    few = ["--population", "one_each", "--no-plot"]
+    commands[2] += few
+    for words in commands[:-1]:
+        assert main(words[1:]) == 0
+    fitted = parameter_set(Path("fit/fitted.toml"))
+    assert (fitted.name, fitted.mechanics["pad"]) == ("mine", "mine.npz")
+    assert not [str(item.message) for item in recwarn if "was fitted" in str(item.message)]
+    assert "was fitted on" not in capsys.readouterr().err
+    words = ["touch", "--parameters", "fit/fitted.toml", "--press-n", "0.1", *few]
+    assert main(words) == 0
+    assert "parameter set mine was fitted on" in capsys.readouterr().err

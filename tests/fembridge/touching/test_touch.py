@@ -20,7 +20,7 @@ from fembridge.errors import (
     ResultError,
     UsageError,
 )
-from fembridge.response.response_map import FOLDER, read_map, write_map
+from fembridge.response.response_map import FOLDER, read_map
 from fembridge.results.von_mises import von_mises_pa as tensor_von_mises
 from fembridge.touching.contact import press_to
 from fembridge.touching.pad_file import resolve_pad
@@ -28,7 +28,7 @@ from fembridge.touching.population import Population
 from fembridge.touching.prism_pad import TIP_RADIUS_MM
 from fembridge.touching.receptive_field import _Probe, hot_spot_counts
 from fembridge.touching.shape import Shape, resolve_shape
-from fembridge.touching.stress import SA_NU, driving_stress_pa, pad_response, sa_stress_pa
+from fembridge.touching.stress import SA_NU, driving_stress_pa, sa_stress_pa
 from fembridge.touching.touch import touch_skin
 from fembridge.touching.trajectory import Trajectory
 from neural import parameter_set
@@ -346,24 +346,6 @@ def test_a_field_is_read_back_as_it_was_written(tmp_path):
     with pytest.raises(ResultError) as error:
         fb.ReceptiveField.read(tmp_path)
     assert error.value.line == len(maps.read_text().splitlines())
-
-
-def test_the_response_that_parameters_are_fitted_on_is_that_of_a_touch(tmp_path):
-    response = pad_response(PAD)
-    write_map(tmp_path / "response.toml", response)
-    depth_um = np.array([75.0, 150.0, 300.0])
-    tensors = read_map(tmp_path / "response.toml").tensors(depth_um)
-    sites = [(place.x_mm, place.depth_mm) for place in response.places]
-    units = Population(
-        ("a", "b", "c"), tuple(place.afferent for place in response.places),
-        tuple(place.layer for place in response.places), np.array([x for x, _ in sites]),
-        np.zeros(3), np.array([depth for _, depth in sites]), np.zeros(3),
-    )  # fmt: skip
-    held = touch_skin(PAD, Shape.punch(1.0), Trajectory.press(press_um=300), units, FITTED)
-    samples = [np.abs(held.depth_um[:100] - depth).argmin() for depth in depth_um]
-    expected = tensor_von_mises(tensors) / depth_um[:, None]
-    # First touch is between nodes there and on one here: a micrometre or two.
-    assert_allclose(held.stress_pa[samples] / held.depth_um[samples, None], expected, rtol=0.05)
 
 
 def test_a_plane_pad_answers_a_cylinder_as_the_response_map_of_the_ridged_section():
@@ -689,7 +671,7 @@ def test_few_traces_give_the_field_that_every_trace_gives(monkeypatch):
         areas = every.areas["area_mm2"].to_numpy()
         assert_allclose(few.areas["area_mm2"], areas, rtol=tolerance, atol=1e-9)
         inside = every.responds
-        assert np.abs(few.impulses - every.impulses)[inside].mean() < 0.1
+        assert np.abs(few.impulses - every.impulses)[inside].mean() < 0.15
 
 
 def test_probes_around_that_hold_the_skin_make_a_step_of_the_probe_stronger():
