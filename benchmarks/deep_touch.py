@@ -29,7 +29,7 @@ from fembridge.touching.large_strain import press_deep
 from fembridge.touching.prism_pad import TIP_RADIUS_MM, PrismPad
 from fembridge.touching.shape import Shape
 
-DEPTHS_MM = {"plate": (0.5, 1, 1.5, 2, 2.5, 3), "ball": (0.5, 1, 1.5, 2, 2.5, 3, 3.5, 3.75)}
+DEPTHS_MM = {"plate": (0.5, 1, 1.5, 2, 2.5, 3), "ball": (0.5, 1, 1.5, 2, 2.5, 3, 3.5, 3.75, 4)}
 SHAPES = {"plate": Shape.plate(), "ball": Shape.sphere(5.0)}
 REACH_MM = 7.0
 # Class, layer, row of elements above its depth, depth.
