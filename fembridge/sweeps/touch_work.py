@@ -4,6 +4,7 @@ Everything here can be pickled, and what comes out depends on the row alone: nei
 rows beside it nor on the process, whose linear algebra is kept to one thread.
 """
 
+import threading
 import time
 import traceback
 import warnings
@@ -44,6 +45,8 @@ from neural.parameter_sets import ParameterSet, parameter_set, parameters_to_tab
 POPULATION = "fingertip"
 
 _ALWAYS_FILES = ("path", "pins", "map", "finger")
+# A worker of dask may have several threads, and a process has one filter of warnings.
+_one_at_a_time = threading.Lock()
 _SUFFIXES = (".csv", ".dat", ".npy", ".npz", ".png", ".toml", ".txt", ".wav")
 
 Settings = Mapping[str, Any]
@@ -104,7 +107,7 @@ def run_batch(batch: Batch) -> list[Outcome]:
     from threadpoolctl import threadpool_limits
 
     contacts: dict[str, ContactHistory] = {}
-    with threadpool_limits(1, user_api="blas"):
+    with _one_at_a_time, threadpool_limits(1, user_api="blas"):
         return [_outcome(touch, row, batch, contacts) for touch, row in batch.rows.items()]
 
 

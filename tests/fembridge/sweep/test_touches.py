@@ -306,6 +306,60 @@ def test_after_kill_9_the_same_command_does_only_what_is_missing(tmp_path, wait_
     assert bytes_of(tmp_path / "set") == bytes_of(tmp_path / "plain")
 
 
+CLUSTER = """
+import os, signal, sys, threading, time
+from pathlib import Path
+
+def kill_a_worker(cluster, first):
+    while not first.exists():
+        time.sleep(0.05)
+    [worker, *_] = cluster.workers.values()
+    os.kill(worker.pid, signal.SIGKILL)
+    print("killed", flush=True)
+
+def main(table, folder):
+    from distributed import LocalCluster
+    import fembridge as fb
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0"
+    ) as cluster:
+        first = Path(folder, "touches/part-00000.parquet")
+        threading.Thread(target=kill_a_worker, args=(cluster, first), daemon=True).start()
+        data = fb.touch_many(
+            table, folder, executor="dask", scheduler=cluster.scheduler_address
+        )
+        print("failed", len(data.failed), flush=True)
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
+"""
+
+
+@pytest.mark.slow
+def test_workers_of_dask_write_the_same_bytes_even_if_one_is_killed(tmp_path):
+    pytest.importorskip("distributed")
+    rows = rows_of(130, depths_um=tuple(range(100, 230, 10)), noise_mv=0.0, trials=1)
+    pandas.DataFrame(rows).to_csv(tmp_path / "touches.csv", index=False)
+    (tmp_path / "cluster.py").write_text(CLUSTER)
+    words = [str(tmp_path / "cluster.py"), str(tmp_path / "touches.csv"), str(tmp_path / "set")]
+    done = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == ["killed", "failed 0"]
+    touch_many(tmp_path / "touches.csv", tmp_path / "plain", jobs=1)
+    assert bytes_of(tmp_path / "set") == bytes_of(tmp_path / "plain")
+
+
+@pytest.mark.slow
+def test_the_script_for_slurm_runs_on_workers_of_this_machine(tmp_path):
+    pytest.importorskip("distributed")
+    pandas.DataFrame(rows_of(4)).to_csv(tmp_path / "touches.csv", index=False)
+    script = Path(fb.__file__).parents[1] / "docs/touches_slurm.py"
+    words = [str(script), str(tmp_path / "touches.csv"), str(tmp_path / "set"), "--local"]
+    done = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("Touches: 4 of 4 done")
+
+
 def test_an_address_of_fsspec_is_a_folder_like_any_other(tmp_path, monkeypatch):
     fsspec = pytest.importorskip("fsspec")
     system = fsspec.filesystem("memory")
