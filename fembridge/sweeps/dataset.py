@@ -455,7 +455,7 @@ class Touches(Shown):
             raise UsageError(argument="table", found=table, expected=", ".join(TABLES))
         return _frame(read_part(self.store, table, part))
 
-    def _whole(self, table: str) -> "pandas.DataFrame":
+    def _joined(self, table: str) -> "pandas.DataFrame":
         tables = [read_part(self.store, table, part) for part in self.parts]
         arrow_module = arrow()
         if not tables:
@@ -469,22 +469,22 @@ class Touches(Shown):
     @cached_property
     def touches(self) -> "pandas.DataFrame":
         """One row per touch: number, own columns, settings, state, warnings and digests."""
-        return self._whole("touches")
+        return self._joined("touches")
 
     @cached_property
     def spikes(self) -> "pandas.DataFrame":
         """Spikes, one row each: ``touch, afferent, unit, trial, spike_time_ms``."""
-        return self._whole("spikes")
+        return self._joined("spikes")
 
     @cached_property
     def units(self) -> "pandas.DataFrame":
         """Units of each population: ``population_id, unit, afferent``, positions in mm."""
-        return self._whole("units")
+        return self._joined("units")
 
     @cached_property
     def forces(self) -> "pandas.DataFrame":
         """``touch, time_ms, x_mm, z_mm, depth_um, force`` at the step of ``dataset.toml``."""
-        return self._whole("forces")
+        return self._joined("forces")
 
     @property
     def spikes_count(self) -> int:
@@ -812,8 +812,8 @@ class Examples:
         spikes = self._spikes_of(touch)
         spike_bin = np.ceil(spikes.time_ms / self.bin_ms - 1e-9).astype(np.int64) - 1
         counted = (spikes.trial == trial) & (spike_bin >= 0) & (spike_bin < self.shape[1])
-        place = spikes.unit[counted] * self.shape[1] + spike_bin[counted]
-        counts = np.bincount(place, minlength=self.shape[0] * self.shape[1])
+        cell = spikes.unit[counted] * self.shape[1] + spike_bin[counted]
+        counts = np.bincount(cell, minlength=self.shape[0] * self.shape[1])
         return counts.reshape(self.shape)
 
     def _spikes_of(self, touch: int) -> "_SpikesOfTouch":

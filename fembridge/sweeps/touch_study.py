@@ -13,7 +13,7 @@ are the user's own and stay as they are::
     shape = ["braille:text=a", "braille:text=b"]
     press_n = [0.1, 0.3]
 
-    [touches.draw]                    # so many touches of each combination, drawn at random
+    [touches.draw]                    # touches of each combination, drawn at random
     count = 100
     seed = 1
     x_mm = { uniform = [-3, 3] }
@@ -95,7 +95,7 @@ CONTACT = (
 """Settings that the contact depends on; touches that agree in them share it."""
 
 MOST_TOUCHES = 1_000_000
-EACH = "each"
+OWN_SEED = "each"
 """A drawn ``seed`` or ``population_seed`` of its own for each touch."""
 
 _LABEL = "label"
@@ -334,14 +334,14 @@ def _check_motion(settings: Mapping[str, Any]) -> None:
     """Check that the settings describe one trajectory, and none that it does not use."""
     motions = [name for name in _MOTIONS if name in settings]
     presses = [name for name in ("press_um", "press_n") if name in settings]
-    given = motions or presses
-    if not given:
+    prescribed = motions or presses
+    if not prescribed:
         expected = f"one of press_um, press_n, {', '.join(_MOTIONS)}"
         raise UsageError("is missing", argument="press_um", expected=expected)
     if motions and presses:
         raise UsageError(f"cannot be combined with {motions[0]}", argument=presses[0])
-    if len(given) > 1:
-        raise UsageError(f"cannot be combined with {given[0]}", argument=given[1])
+    if len(prescribed) > 1:
+        raise UsageError(f"cannot be combined with {prescribed[0]}", argument=prescribed[1])
     slides = "slide_mm_per_s" in settings
     uses = {
         "slide_mm_per_s": (presses, "a slide, with press_um or press_n"),
@@ -367,10 +367,10 @@ def _check_motion(settings: Mapping[str, Any]) -> None:
 
 def _study(content: Mapping[str, Any], folder: Path, name: str, text: str = "") -> TouchTable:
     """Table of the parsed study file."""
-    known = ("name", "touches")
+    accepted = ("name", "touches")
     for key in content:
-        if key not in known:
-            hint = near_hint(key, known)
+        if key not in accepted:
+            hint = near_hint(key, accepted)
             raise UsageError(f"is no key of a study of touches{hint}", key=key, found=key)
     touches = content.get("touches")
     if not isinstance(touches, Mapping):
@@ -448,12 +448,12 @@ def _drawn(rows: Sequence[Mapping[str, Any]], draw: object) -> list[dict[str, An
 def _draw(name: str, rule: object, rng: np.random.Generator) -> object:
     """A value of the setting `name`, drawn by `rule`."""
     key = f"touches.draw.{name}"
-    if rule == EACH:
+    if rule == OWN_SEED:
         if SETTINGS.get(name) is not int or name == "trials":
             raise UsageError("is for seed and population_seed", key=key, found=rule)
         return int(rng.integers(_DRAWN_SEEDS))
     if not isinstance(rule, Mapping) or len(rule) != 1 or next(iter(rule)) not in _DRAWS:
-        expected = f"{{ {' | '.join(_DRAWS)} = [...] }}, or {EACH!r} of a seed"
+        expected = f"{{ {' | '.join(_DRAWS)} = [...] }}, or {OWN_SEED!r} of a seed"
         raise UsageError(key=key, found=rule, expected=expected)
     [(kind, limits)] = rule.items()
     if kind == "choice":

@@ -200,7 +200,7 @@ def inputs_of(settings: Settings) -> TouchInputs:
     parameters = parameters_on(pad, settings.get("parameters"))
     preindent_um = settings.get("preindent_um")
     depth_um = parameters.preindent_um if preindent_um is None else preindent_um
-    words: dict[str, Any] = {
+    arguments: dict[str, Any] = {
         "pad": pad,
         "parameters": parameters,
         "preindent_um": preindent_um,
@@ -211,12 +211,12 @@ def inputs_of(settings: Settings) -> TouchInputs:
         **{name: settings.get(name) for name in ("finger", "ridges", "friction")},
     }
     if "pins" not in settings or "shape" in settings:
-        words["shape"] = _shape_of(settings)
+        arguments["shape"] = _shape_of(settings)
     if "stimulus" in settings:
-        words["stimulus"] = settings["stimulus"]
+        arguments["stimulus"] = settings["stimulus"]
     else:
-        words["trajectory"] = _trajectory_of(settings, depth_um)
-    return resolve_touch(**words)
+        arguments["trajectory"] = _trajectory_of(settings, depth_um)
+    return resolve_touch(**arguments)
 
 
 def population_of(settings: Settings, pad: Pad) -> Population:
@@ -270,8 +270,10 @@ def _trajectory_of(settings: Settings, preindent_um: float) -> Trajectory:
         return Trajectory.from_pins(settings["pins"], preindent_um=preindent_um)
     slides = "slide_mm_per_s" in settings
     names = ("slide_mm_per_s", "duration_ms", "direction_deg") if slides else ("ramp_ms", "hold_ms")
-    words = {name: settings[name] for name in (*names, "press_um", "press_n") if name in settings}
-    return Trajectory.slide(**words) if slides else Trajectory.press(**words)
+    arguments = {
+        name: settings[name] for name in (*names, "press_um", "press_n") if name in settings
+    }
+    return Trajectory.slide(**arguments) if slides else Trajectory.press(**arguments)
 
 
 def _pad_outcome(

@@ -631,11 +631,13 @@ def _estimate(
     plan: Plan, works: Mapping[int, _PartWork], executor: Executor, workers: int
 ) -> TouchCost | None:
     """Cost of what is missing, by one touch of each kind, whose outcomes are kept in `works`."""
-    place = {touch: number for number, work in works.items() for touch in sorted(work.missing)}
-    if len(place) < _TRIALS_FROM:
+    part_of_touch = {
+        touch: number for number, work in works.items() for touch in sorted(work.missing)
+    }
+    if len(part_of_touch) < _TRIALS_FROM:
         return None
     kinds: dict[str, list[int]] = {}
-    for touch in place:
+    for touch in part_of_touch:
         kinds.setdefault(_kind(plan.rows[touch]), []).append(touch)
     tried = sorted(kinds.values(), key=len, reverse=True)[:_MOST_KINDS]
     costs: list[tuple[list[int], Outcome]] = []
@@ -647,17 +649,19 @@ def _estimate(
                     break
             if not outcome.cause:
                 costs.append((touches, outcome))
-                works[place[touches[0]]].outcomes[outcome.touch] = outcome
+                works[part_of_touch[touches[0]]].outcomes[outcome.touch] = outcome
     if not costs:
         return None
     duration_s, disk_bytes, covered = 0.0, 0.0, 0
     for touches, outcome in costs:
-        contacts = len({(place[touch], plan.contact_keys[touch]) for touch in touches})
+        contacts = len({(part_of_touch[touch], plan.contact_keys[touch]) for touch in touches})
         duration_s += contacts * outcome.contact_s + len(touches) * outcome.encode_s
         disk_bytes += len(touches) * _bytes_of(plan, outcome)
         covered += len(touches)
-    scale = len(place) / covered
-    return TouchCost(len(place), scale * duration_s / workers, scale * disk_bytes, len(costs))
+    scale = len(part_of_touch) / covered
+    return TouchCost(
+        len(part_of_touch), scale * duration_s / workers, scale * disk_bytes, len(costs)
+    )
 
 
 def _kind(row: Settings) -> str:

@@ -12,8 +12,10 @@ import pandas
 import pytest
 
 import fembridge as fb
+from fembridge.cli import outputs_of
 from fembridge.errors import FembridgeWarning, OutputError, ResultError, UsageError
 from fembridge.sweeps import dataset, touch_work, touches
+from fembridge.sweeps.touch_study import SETTINGS
 from fembridge.sweeps.touches import Plan, read_touches, touch_many, touches_status, verify_touches
 
 pytest.importorskip("pyarrow")
@@ -487,6 +489,18 @@ def test_pictures_are_drawn_against_any_column():
     with pytest.raises(UsageError) as refused:
         data.plot("letter")
     assert (refused.value.argument, refused.value.found) == ("kind", "letter")
+
+
+@pytest.mark.parametrize("table", dataset.TABLES)
+def test_the_page_of_outputs_has_the_columns(table):
+    _, columns = outputs_of("sweep")[f"{table}/part-NUMBER.parquet"]
+    named = [name for name, _, _ in columns]
+    if table == "touches":
+        named = [name for name in named if not name.startswith("<")]
+        settings = {*SETTINGS, "trajectory"}
+        assert named == [name for name in dataset.schema_of(table).names if name not in settings]
+    else:
+        assert named == dataset.schema_of(table).names
 
 
 def test_a_folder_without_a_data_set_is_refused(tmp_path):
