@@ -1,19 +1,24 @@
 """What a touch of a whole fingertip costs: beside TouchSim's jobs, and how it grows.
 
-``python -m benchmarks.touch [REPEATS]``. Seconds are of the processor, the median of some
-repeats after one that imports; of TouchSim (Saal et al. 2017) too where it can be imported
-(it has no licence, and is for comparing only). Ratios hold with one thread (OMP_NUM_THREADS=1).
+``python -m benchmarks.touch [REPEATS]``. Seconds are of the processor, the first and the least of
+some repeats, which other work on the machine disturbs least; of TouchSim (Saal et al. 2017), in
+turn, where it can be imported (it has no licence, and is for comparing only). All is the default:
+ridged skin, `fitted_pad` at 0.1 ms. Ratios hold with one thread (OMP_NUM_THREADS=1);
+``python -m benchmarks.touch threads`` compares one thread with all.
 """
 
+import os
+import subprocess
 import sys
 import time
+import warnings
 from statistics import median
 
 import numpy as np
 
 from decks.stimuli import resolve
 from decks.synthesis import make_stimulus
-from fembridge.touching.contact import ContactSolver
+from fembridge.touching.contact import ContactSolver, blas_threads
 from fembridge.touching.pad_file import resolve_pad
 from fembridge.touching.population import Population
 from fembridge.touching.ridged_pad import with_ridges
@@ -22,20 +27,23 @@ from fembridge.touching.touch import touch_skin
 from fembridge.touching.trajectory import PinArray, Trajectory
 from neural import parameter_set
 
-REPEATS = int(sys.argv[1]) if len(sys.argv) > 1 else 3
+REPEATS = int(sys.argv[1]) if sys.argv[1:] and sys.argv[1].isdigit() else 3
 PAD = resolve_pad("reference")
+RIDGED = with_ridges(PAD, None)
 PARAMETERS = parameter_set("fitted_pad")
 UNITS_958 = Population.fingertip(density=958 / 888)
 
 
-def seconds(job):
-    job()
+def seconds(*jobs):
+    """The first time and the least of the repeats of each job, ``(job, 2)``; jobs take turns."""
     taken = []
-    for _ in range(REPEATS):
-        begin = time.process_time()
-        job()
-        taken.append(time.process_time() - begin)
-    return median(taken)
+    for _ in range(REPEATS + 1):
+        for job in jobs:
+            begin = time.process_time()
+            job()
+            taken.append(time.process_time() - begin)
+    by_job = np.reshape(taken, (REPEATS + 1, len(jobs)))
+    return np.stack([by_job[0], by_job[1:].min(axis=0)], -1)
 
 
 def wave(word):
@@ -58,90 +66,125 @@ def pin_array(count):
     return None, trajectory
 
 
-def touched(shape, trajectory, units=UNITS_958, pad=PAD):
+def touched(shape, trajectory, units=UNITS_958, pad=RIDGED):
     return lambda: touch_skin(pad, shape, trajectory, units, PARAMETERS)
 
 
 def contact_table():
-    print("\ncontact nodes   ms a step (warm)   ms the first time")
-    nodes = PAD.skin_nodes()
-    gap = nodes.gaps_mm(Shape.grating(0.5, 1.5))
-    for force in (0.1, 0.3, 0.6, 1.0, 1.6):
-        near = gap < gap.min() + 0.35 + 0.7 * force
+    """Steps of 1/2 node under gratings: of the direct contact alone, on the fine grid."""
+    print("\nforce (N)  nodes in contact (of possible)   ms a step")
+    shape, nodes = Shape.grating(0.5, 1.5), RIDGED.skin_nodes()
+    gap = nodes.gaps_mm(shape)
+    for force in (0.1, 0.3, 0.6, 1.0):
+        near = gap < gap.min() + 0.5 + 0.9 * force
         some = nodes.subset(near)
         contact = ContactSolver.on_nodes(some)
-        shapes = [Shape.grating(0.5, 1.5).moved(0.0, 0.02 * k) for k in range(40)]
-        begin = time.process_time()
-        pressed = contact.press_with(some.gaps_mm(shapes[0]), force)[0]
-        first = time.process_time() - begin
         taken = []
-        for shape in shapes[1:]:
-            here = some.gaps_mm(shape)
-            begin = time.process_time()
-            pressed = contact.press_with(here, force)[0]
-            taken.append(time.process_time() - begin)
+        with blas_threads(contact.nodes_at_once):
+            for step in range(60):
+                here = some.gaps_mm(shape.moved(0.0, 0.0625 * step))
+                begin = time.process_time()
+                pressed = contact.press_with(here, force)[0]
+                taken.append(time.process_time() - begin)
         count = int((pressed > 0).sum())
-        print(f"{count:8d} of {near.sum():5d}   {1e3 * median(taken):8.1f}   {1e3 * first:12.0f}")
+        print(f"{force:8g}{count:8d} of {near.sum():5d}   {1e3 * median(taken[20:]):8.1f}")
 
 
-def touchsim_table():
+def touchsim_jobs():
+    """TouchSim's side of the five jobs; no such job without it."""
     try:
         import touchsim
     except ImportError:
-        return
+        return [None] * 5
     units = touchsim.affpop_hand(region="D2d", seed=1)
+    print(f"TouchSim: {len(units)} afferents")
     sine = touchsim.stim_sine(freq=20.0, amp=0.12949, len=0.25, pin_radius=0.5)
-    bar = touchsim.shape_bar(width=8.0, height=1.0, pins_per_mm=4)
+    edge = touchsim.shape_bar(width=8.0, height=1.0, pins_per_mm=4)
     bar = touchsim.generators.stim_indent_shape(
-        bar[np.linspace(0, len(bar) - 1, 80).astype(int)], sine, pin_radius=0.1
+        edge[np.linspace(0, len(edge) - 1, 80).astype(int)], sine, pin_radius=0.1
     )
+    across = np.stack([np.arange(80) % 16 - 7.5, np.arange(80) // 16 - 2.0], -1) * 0.5
+    waves = np.tile(sine.trace[:1], (80, 1)) * np.linspace(0.5, 1.0, 80)[:, None]
+    pins = touchsim.Stimulus(trace=waves, location=across, fs=sine.fs, pin_radius=0.25)
     x, y = (each.ravel() for each in np.mgrid[-4:4:17j, -6:6:25j])
     moved = y[:, None] + 40.0 * np.arange(0.0, 1.0, 0.001)
     up = (np.mod(moved, 2.0) < 0.5) & (np.mod(x, 2.0) < 0.5)[:, None]
-    dots = touchsim.Stimulus(
-        trace=0.3 * up, location=np.stack([x, y], -1), fs=1000.0, pin_radius=0.2
-    )
-    print(f"\nTouchSim, {len(units)} afferents")
-    for name, stimulus in (
-        ("one pin, 250 ms", sine),
-        ("a bar of 80 pins, 250 ms", bar),
-        (f"dots 2 mm apart, scanned for 1 s, {x.size} pins", dots),
-    ):
-        print(f"{name:45}{seconds(lambda s=stimulus: units.response(s)):8.2f} s")
+    place = {"location": np.stack([x, y], -1), "fs": 1000.0, "pin_radius": 0.2}
+    dots = touchsim.Stimulus(trace=0.3 * up, **place)
+    grating = touchsim.Stimulus(trace=0.3 * (np.mod(moved, 1.0) < 0.5), **place)
+    return [lambda s=s: units.response(s) for s in (sine, bar, pins, dots, grating)]
 
 
-def main():
+def five_jobs():
     print(f"{len(UNITS_958)} afferents, seconds of processor")
     sine = Trajectory.from_waveform(wave("sine_20_129.49"))
     scan = Trajectory.slide(40.0, press_um=300, duration_ms=1000)
-    for name, job in (
-        ("one pin, 250 ms", touched(Shape.punch(1.0), sine)),
-        ("a bar of 1 x 8 mm, 250 ms", touched(Shape.bar(1.0, 8.0), sine)),
-        (
-            "80 pins, each with its waveform, 250 ms",
-            touched(*pin_array(80)),
-        ),
-        ("dots 2 mm apart, scanned for 1 s", touched(Shape.dots(2.0), scan)),
-    ):
-        print(f"{name:45}{seconds(job):8.2f} s")
-    ridged = with_ridges(PAD, "loop")
-    grating = Trajectory.slide(40.0, press_n=0.5, duration_ms=1000)
-    for name, shape, trajectory in (
-        ("one pin", Shape.punch(1.0), sine),
-        ("dots 2 mm apart", Shape.dots(2.0), scan),
-        ("a grating of 1 mm, 0.5 N", Shape.grating(0.5, 0.5), grating),
-    ):
-        taken = [seconds(touched(shape, trajectory, pad=pad)) for pad in (ridged, PAD)]
-        print(f"{name:45}{taken[0]:8.2f} s on ridged skin, {taken[1]:.2f} s on smooth skin")
-    touchsim_table()
+    pressed = Trajectory.slide(40.0, press_n=0.5, duration_ms=1000)
+    jobs = (
+        ("one pin, 250 ms", Shape.punch(1.0), sine),
+        ("a bar of 1 x 8 mm, 250 ms", Shape.bar(1.0, 8.0), sine),
+        ("80 pins, each with its waveform, 250 ms", *pin_array(80)),
+        ("dots 2 mm apart, scanned for 1 s", Shape.dots(2.0), scan),
+        ("a grating of 1 mm, 0.5 N, scanned for 1 s", Shape.grating(0.5, 0.5), pressed),
+    )
+    for (name, shape, trajectory), other in zip(jobs, touchsim_jobs(), strict=True):
+        jobs_in_turn = [touched(shape, trajectory), *([other] if other else [])]
+        (first, least), *touchsim = seconds(*jobs_in_turn)
+        beside = "".join(f", TouchSim {s:.2f} s, {s / least:.1f} times" for _, s in touchsim)
+        print(f"{name:45}{least:6.2f} s (first {first:.2f}){beside}", flush=True)
+
+
+def loop_table(count=200):
+    """One shape pressed `count` times, to another depth each."""
+    units = Population.fingertip()
+    depths_um = np.linspace(100, 500, count)
+    for name, shape in (("a punch", Shape.punch()), ("braille b", Shape.braille("b"))):
+        begin = time.process_time()
+        for depth_um in depths_um:
+            touched(shape, Trajectory.press(press_um=float(depth_um)), units)()
+        print(f"{count} presses of {name}: {time.process_time() - begin:.1f} s")
+
+
+def threads_table():
+    """A grating with one thread and with all: seconds of processor and of the clock."""
+    for threads in ("1", str(os.cpu_count())):
+        code = "from benchmarks.touch import scan_seconds; scan_seconds()"
+        environment = {**os.environ, "OMP_NUM_THREADS": threads, "NUMBA_NUM_THREADS": threads}
+        found = subprocess.run(
+            [sys.executable, "-c", code], env=environment, capture_output=True, check=True
+        )
+        print(f"{threads} threads: {found.stdout.decode().strip()}", flush=True)
+
+
+def scan_seconds():
+    slide = Trajectory.slide(40.0, press_n=0.5, duration_ms=400)
+    job, taken = touched(Shape.grating(0.5, 0.5), slide), []
+    for _ in range(REPEATS + 1):
+        begin = time.process_time(), time.perf_counter()
+        job()
+        taken.append((time.process_time() - begin[0], time.perf_counter() - begin[1]))
+    processor, clock = np.min(taken[1:], axis=0)
+    print(f"{processor:.2f} s of processor, {clock:.2f} s by the clock")
+
+
+def main():
+    warnings.simplefilter("ignore")
+    if sys.argv[1:] == ["threads"]:
+        threads_table()
+        return
+    five_jobs()
+    loop_table()
+    sine = Trajectory.from_waveform(wave("sine_20_129.49"))
     print("\nunits     s (one pin, 250 ms)")
     for density in (0.25, 1.0, 4.0, 16.0):
         units = Population.fingertip(density=density)
-        print(f"{len(units):6d}{seconds(touched(Shape.punch(1.0), sine, units)):10.2f}")
+        [(_, least)] = seconds(touched(Shape.punch(1.0), sine, units))
+        print(f"{len(units):6d}{least:10.2f}")
     print("\nsteps     s (dots, scanned)")
     for duration in (250, 500, 1000, 2000):
         trajectory = Trajectory.slide(40.0, press_um=300, duration_ms=duration)
-        print(f"{trajectory.level.size:6d}{seconds(touched(Shape.dots(2.0), trajectory)):10.2f}")
+        [(_, least)] = seconds(touched(Shape.dots(2.0), trajectory))
+        print(f"{trajectory.level.size:6d}{least:10.2f}")
     contact_table()
 
 

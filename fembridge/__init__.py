@@ -82,6 +82,7 @@ if TYPE_CHECKING:
     from fembridge.touching.fingerprint import Fingerprint
     from fembridge.touching.make_pad import make_pad, pad_decks
     from fembridge.touching.pad import Pad
+    from fembridge.touching.pad_probe import PadProbe
     from fembridge.touching.pad_request import SkinMap
     from fembridge.touching.population import Population
     from fembridge.touching.receptive_field import ReceptiveField as ReceptiveField
@@ -128,6 +129,7 @@ __all__ = [  # noqa: RUF022 - the main job first, then from deck to spikes, then
     "Trajectory",
     "Population",
     "Fingerprint",
+    "PadProbe",
     "Pad",
     "SkinMap",
     "FembridgeError",
@@ -157,6 +159,7 @@ _HOMES = {
         ("fembridge.touching.make_pad", "make_pad pad_decks"),
         ("fembridge.touching.pad_request", "SkinMap"),
         ("fembridge.touching.pad", "Pad"),
+        ("fembridge.touching.pad_probe", "PadProbe"),
         ("fembridge.touching.shape", "Shape"),
         ("fembridge.touching.population", "Population"),
         ("fembridge.sweeps.sweep", "sweep Sweep"),

@@ -64,9 +64,11 @@ RANGES: Mapping[str, Range] = {
     "forces_per_deck": _COUNT,
     "tilt_deg": Range(-85, 85),
     "at_mm": Range(-1000, 1000),
+    "background_um": Range(0, 1900),
     "bin_ms": _POSITIVE,
     "cells": Range(1, 1000, is_whole=True),
     "criterion": Range(ABOVE_ZERO, 1),
+    "deepest_um": Range(ABOVE_ZERO, 2000),
     "depth_mm": Range(ABOVE_ZERO, 10),
     "depth_um": Range(ABOVE_ZERO, 10_000),
     "direction_deg": _ANGLE_DEG,
@@ -92,6 +94,7 @@ RANGES: Mapping[str, Range] = {
     "pixel_mm": Range(ABOVE_ZERO, 1000),
     "population": Range(4, 10_000, is_whole=True),
     "plate_mm": Range(ABOVE_ZERO, 10),
+    "positions": Range(1, 20, is_whole=True),
     "preindent_um": Range(0, 10_000),
     "press_n": Range(0, 1000),
     "press_um": Range(0, 10_000),
@@ -114,6 +117,7 @@ RANGES: Mapping[str, Range] = {
     "time_limit_s": _POSITIVE,
     "times_threshold": Range(ABOVE_ZERO, 10_000),
     "trials": Range(1, 10_000, is_whole=True),
+    "units": Range(1, 200, is_whole=True),
     "window_ms": Range(-_HIGH, _HIGH),
 }
 """Range of each numeric argument of the public functions; a function may accept less."""

@@ -329,8 +329,11 @@ def finger_id(table: Mapping[str, Any]) -> dict[str, str]:
 def model_id(origin: Mapping[str, Any]) -> dict[str, str]:
     """Name and checksum of the finger or the deck of a response map, from its `origin`.
 
-    Empty where the origin has neither.
+    A map of a probe on a pad also has the pad and its ridges. Empty where the origin has nothing.
     """
+    mechanics = origin.get("mechanics")
+    if isinstance(mechanics, Mapping):
+        return {str(key): str(value) for key, value in mechanics.items()}
     finger, base = origin.get("finger"), origin.get("base_deck")
     if isinstance(finger, Mapping):
         return finger_id(finger)

@@ -9,7 +9,6 @@ are compiled, otherwise NumPy steps blocks of membranes.
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import cache
 from multiprocessing import parent_process
 from typing import Any, TypeAlias
 
@@ -18,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError, TraceError
 from fembridge.typing import FloatArray, IntArray
+from neural.compiled import jit
 from neural.lif import Membrane, State, spiking
 from neural.models import Coefficients
 
@@ -205,18 +205,9 @@ def _currents(
             yield coefficients.current([column[row] for column in columns])
 
 
-@cache
 def compiled() -> Callable[..., None] | None:
     """`_step_each` compiled by numba and cached on disk; None without numba."""
-    try:
-        from numba import njit
-    except ImportError:
-        return None
-    try:
-        loop: Callable[..., None] = njit(_step_each, cache=True, error_model="numpy", nogil=True)
-    except RuntimeError:  # no folder for the cache is writable
-        loop = njit(_step_each, error_model="numpy", nogil=True)
-    return loop
+    return jit(_step_each)
 
 
 def _threads() -> int:

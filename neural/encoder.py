@@ -16,19 +16,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError, TraceError
-from fembridge.typing import FloatArray, IntArray
-from neural.filters import Past, checked_stress
+from fembridge.typing import BoolArray, FloatArray, IntArray
+from neural.compiled import compile_for
+from neural.filters import LEVELS, RISES, Past, checked_stress
 from neural.lif import Membrane, State, fire
 from neural.models import SAMPLES_AROUND, model_of
 from neural.parameters import AfferentParameters, Parameters, quantiles
-from neural.time_step import read_at_step, step_ratio
+from neural.time_step import overshoot, read_at_step, step_ratio
 
 # Numbers of membranes, of values of their currents and of rows that are computed at once. They
 # limit the memory for a trace of an hour, or for a hundred thousand membranes.
 _MEMBRANES, _NUMBERS, _ROWS = 1 << 12, 1 << 21, 1 << 16
 _LEAST_ROWS = 64
-# The same for units; larger, since each part of their stress has a fixed cost.
+# Numbers of the stress of units read at once; many, since each part of it has a fixed cost.
 _UNIT_NUMBERS = 1 << 23
+# Membranes of units, and values of their currents, computed at once: these stay in the cache.
+_BLOCK_MEMBRANES, _BLOCK_NUMBERS = 64, 1 << 16
+# A bound on a potential below this share of the threshold is below it after rounding.
+_SURELY = 0.999
 
 
 class UnitStress(Protocol):
@@ -325,34 +330,112 @@ def encode_units(
         membrane = _membrane(values)
         units = np.flatnonzero(names == name)
         width = max(1, _MEMBRANES // trials)
+        finer, coarser = step_ratio(values, dt_ms)
         for first in range(0, units.size, width):
             batch_units = units[first : first + width]
-            count = trials * batch_units.size * (1 + model.two_way)
-            state = State.at_rest(count)
-            step = max(_LEAST_ROWS, min(_ROWS, _UNIT_NUMBERS // count))
-            currents = _currents(
-                *read_at_step(stress.reader(batch_units), stress.samples, values, dt_ms),
-                values,
-                derivative,
-                stress_factors[np.newaxis, batch_units],
-                step,
-            )
-            for part, fed in enumerate(currents):
-                current = np.tile(fed, (1, trials)) if trials > 1 else fed
-                if noise_mv and rng is not None:
-                    size_mv = noise_mv / np.sqrt(values.dt_ms)
-                    current = current + size_mv * rng.standard_normal(current.shape)
-                rows, membranes = fire(current, membrane, state)
-                times_ms = start_ms + (part * step + rows + 1.0) * values.dt_ms
-                trial = membranes // (count // trials) + 1
-                parts.append(
-                    (batch_units[membranes % batch_units.size], trial, np.asarray(times_ms))
+            read = _read_ahead(stress.reader(batch_units), stress.samples, batch_units.size)
+            columns = np.arange(batch_units.size)
+            if not noise_mv and stress.samples * batch_units.size <= _UNIT_NUMBERS:
+                may_fire = _may_fire(
+                    read(0, stress.samples), values, dt_ms, stress_factors[batch_units]
                 )
+                columns, batch_units = columns[may_fire], batch_units[may_fire]
+                if not columns.size:
+                    continue
+            # Noise is drawn for all units at once, whatever the size of a block.
+            is_compiled = compile_for(columns.size * trials * (stress.samples * finer // coarser))
+            in_blocks = is_compiled and not noise_mv
+            size = max(1, _BLOCK_MEMBRANES // trials) if in_blocks else columns.size
+            blocks = [slice(start, start + size) for start in range(0, columns.size, size)]
+            members = 1 + model.two_way
+            numbers = _BLOCK_NUMBERS if in_blocks else _UNIT_NUMBERS
+            largest = trials * members * batch_units[blocks[0]].size
+            step = max(_LEAST_ROWS, min(_ROWS, numbers // largest))
+            states = [State.at_rest(trials * members * batch_units[block].size) for block in blocks]
+            currents = [
+                _currents(
+                    *read_at_step(
+                        partial(_columns_of, read, columns[block]), stress.samples, values, dt_ms
+                    ),
+                    values,
+                    derivative,
+                    stress_factors[np.newaxis, batch_units[block]],
+                    step,
+                )
+                for block in blocks
+            ]
+            for part, part_currents in enumerate(zip(*currents, strict=True)):
+                for block, state, fed in zip(blocks, states, part_currents, strict=True):
+                    block_units = batch_units[block]
+                    current = np.tile(fed, (1, trials)) if trials > 1 else fed
+                    if noise_mv and rng is not None:
+                        size_mv = noise_mv / np.sqrt(values.dt_ms)
+                        current = current + size_mv * rng.standard_normal(current.shape)
+                    rows, membranes = fire(current, membrane, state)
+                    times_ms = start_ms + (part * step + rows + 1.0) * values.dt_ms
+                    trial = membranes // (current.shape[1] // trials) + 1
+                    parts.append(
+                        (block_units[membranes % block_units.size], trial, np.asarray(times_ms))
+                    )
     if not parts:
         return UnitSpikes(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
     unit, trial, time_ms = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     order = np.lexsort((time_ms, trial, unit))
     return UnitSpikes(unit[order], trial[order], time_ms[order])
+
+
+def _read_ahead(
+    read: Callable[[int, int], FloatArray], samples: int, units: int
+) -> Callable[[int, int], FloatArray]:
+    """`read` of stress, more samples at a time: each call of it has a fixed cost."""
+    ahead = max(_LEAST_ROWS, _UNIT_NUMBERS // units)
+    begin, values = 0, np.empty((0, units))
+
+    def part(first: int, last: int) -> FloatArray:
+        nonlocal begin, values
+        if not begin <= first <= last <= begin + len(values):
+            begin = first
+            values = read(first, min(max(last, first + ahead), samples))
+        return values[first - begin : last - begin]
+
+    return part
+
+
+def _columns_of(
+    read: Callable[[int, int], FloatArray], columns: IntArray, first: int, last: int
+) -> FloatArray:
+    return read(first, last)[:, columns]
+
+
+def _may_fire(
+    stress_pa: FloatArray,
+    parameters: AfferentParameters,
+    dt_ms: float,
+    stress_factors: FloatArray,
+) -> BoolArray:
+    """Units that are not known to be silent, ``(unit,)``, from their stress ``(T, unit)``.
+
+    Without a leak a potential is at most the largest rise of the summed current, with it at most
+    the steady state of the largest current: where the sum of both bounds is below the threshold,
+    nothing fires.
+    """
+    model = model_of(parameters)
+    [coefficients, *_] = model.membrane_coefficients(parameters.by_name())
+    filters = model.filters
+    if coefficients.halves is not None or coefficients.degree != 1.0:
+        return np.ones(stress_factors.size, dtype=bool)
+    if not all(filter_ in (*RISES, *LEVELS) for filter_ in filters):
+        return np.ones(stress_factors.size, dtype=bool)
+    low, high = stress_pa.min(axis=0), stress_pa.max(axis=0)
+    range_pa = overshoot(parameters, dt_ms) * (high - low)
+    bound_mv = np.zeros(stress_factors.size)
+    for filter_, gain in zip(filters, coefficients.gains(), strict=True):
+        of_level = parameters.tau_ms * (low + range_pa)
+        bound_mv += np.abs(gain) * (range_pa if filter_ in RISES else of_level)
+    gap_mv = parameters.threshold_mv - parameters.rest_mv
+    # Only a sum that is not finite is reported by the membrane.
+    silent: BoolArray = bound_mv < _SURELY * gap_mv * stress_factors
+    return ~silent
 
 
 def _rows_of(stress: FloatArray, first: int, last: int) -> FloatArray:

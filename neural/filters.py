@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError, TraceError
 from fembridge.typing import FloatArray
+from neural.compiled import compiled
 
 # Half-widths of the averages in samples, section 2.2: (1) looks M1 samples ahead
 # and M2 behind, (2) looks M3 ahead and M4 behind. At 0.5 ms that is 4.5 ms ahead.
@@ -167,6 +168,11 @@ def faded(
     return np.maximum(remaining, 0.0, out=remaining)
 
 
+# Filters whose sum over any time, times dt, is at most the range of the stress; and filters whose
+# output is at most the largest stress. No membrane behind them exceeds these (`neural.encoder`).
+RISES, LEVELS = (stress_rate, slow_rate), (faded,)
+
+
 def corpuscle(
     stress_pa: ArrayLike, dt_ms: float, derivative: str = "backward", past: Past | None = None
 ) -> FloatArray:
@@ -203,10 +209,8 @@ def _one_pole(
     """Y with ``y(t) = share x(t) + share_before x(t − dt) + kept y(t − dt)`` for x `values`.
 
     Before the trace x is its first sample, and y has settled. Outputs outside the part of `past`
-    are 0. The recursion is solved as a system of equations with two diagonals.
+    are 0.
     """
-    from scipy.linalg import solve_banded
-
     part = slice(None) if past is None else slice(past.before, past.before + past.count)
     inputs = values[part]
     if past is None or past.value is None:
@@ -214,17 +218,60 @@ def _one_pole(
         before, output_before = inputs[0], settled * inputs[0]
     else:
         before, output_before = past.value
+    outputs = np.zeros_like(values)
+    if follow := compiled(_follow):
+        begin = 0 if past is None else past.before
+        columns = outputs.reshape(len(outputs), -1)[begin : begin + len(inputs)]
+        flat = np.ascontiguousarray(inputs).reshape(len(inputs), -1)
+        state = (np.atleast_1d(value) for value in (before, output_before))
+        follow(flat, share, share_before, kept, *state, columns)
+    else:
+        outputs[part] = _followed(inputs, share, share_before, kept, before, output_before)
+    if past is not None:
+        past.value = np.stack([inputs[-1], outputs[part][-1]])
+    return outputs
+
+
+def _followed(
+    inputs: FloatArray,
+    share: float,
+    share_before: float,
+    kept: float,
+    before: FloatArray,
+    output_before: FloatArray,
+) -> FloatArray:
+    """The recursion, solved as a system of equations with two diagonals."""
+    from scipy.linalg import solve_banded
+
     right = share * inputs
     right[0] += share_before * before + kept * output_before
     if share_before:
         right[1:] += share_before * inputs[:-1]
     diagonals = np.empty((2, len(right)))
     diagonals[0], diagonals[1] = 1.0, -kept
-    outputs = np.zeros_like(values)
-    outputs[part] = solve_banded((1, 0), diagonals, right, overwrite_b=True, check_finite=False)
-    if past is not None:
-        past.value = np.stack([inputs[-1], outputs[part][-1]])
-    return outputs
+    solved: FloatArray = solve_banded(
+        (1, 0), diagonals, right, overwrite_b=True, check_finite=False
+    )
+    return solved
+
+
+def _follow(
+    inputs: FloatArray,
+    share: float,
+    share_before: float,
+    kept: float,
+    before: FloatArray,
+    output_before: FloatArray,
+    outputs: FloatArray,
+) -> None:
+    """The recursion as a loop; `inputs` and `outputs` are ``(T, column)``."""
+    for k in range(inputs.shape[1]):
+        fed = share * inputs[0, k] + share_before * before[k]
+        outputs[0, k] = fed + kept * output_before[k]
+    for row in range(1, inputs.shape[0]):
+        for k in range(inputs.shape[1]):
+            fed = share * inputs[row, k] + share_before * inputs[row - 1, k]
+            outputs[row, k] = fed + kept * outputs[row - 1, k]
 
 
 def checked_stress(

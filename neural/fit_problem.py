@@ -55,7 +55,9 @@ class FitProblem:
     model
         Row of `neural.models`.
     stress_pa
-        Stress at the afferent, ``(T, stimulus)`` in Pa; row 0 is at time 0.
+        Stress at the afferent, ``(T, stimulus)`` in Pa; row 0 is at time 0. With several
+        positions of the probe, ``(T, stimulus, position)``: each has the cells of a candidate,
+        and rates are means over them.
     observed_ips
         Observed rates, ``(stimulus,)``.
     groups
@@ -82,13 +84,18 @@ class FitProblem:
     _edges: tuple[IntArray, IntArray] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        stress = checked_stress(np.array(self.stress_pa, dtype=np.float64))
+        stress = np.array(self.stress_pa, dtype=np.float64)
+        columns = checked_stress(stress.reshape(len(stress), -1))
         observed = np.array(self.observed_ips, dtype=np.float64)
-        spans = [window_rows(window, self.dt_ms) for window in self.windows_ms]
+        spans = [
+            window_rows(window, self.dt_ms)
+            for window in self.windows_ms
+            for _ in range(stress.shape[2] if stress.ndim > 2 else 1)
+        ]
         edges = tuple(
             np.array(ends) for ends in ([s.start for s in spans], [s.stop for s in spans])
         )
-        filtered = self.model.filtered(stress, self.dt_ms, "backward")
+        filtered = self.model.filtered(columns, self.dt_ms, "backward")
         for name, value in (
             ("cells", self.cells or self.model.cells),
             ("stress_pa", stress),
@@ -108,6 +115,11 @@ class FitProblem:
         )
 
     @property
+    def positions(self) -> int:
+        """Number of positions of the probe."""
+        return self.stress_pa.shape[2] if self.stress_pa.ndim > 2 else 1
+
+    @property
     def group_names(self) -> tuple[str, ...]:
         """Names of the objectives, in order of first appearance."""
         return tuple(dict.fromkeys(self.groups))
@@ -119,11 +131,11 @@ class FitProblem:
         """
         spikes = self.counts(values, single).sum(axis=1)
         spans_ms = np.array([end - start for start, end in self.windows_ms])
-        rates: FloatArray = spikes * 1000.0 / (self.cells * spans_ms)
+        rates: FloatArray = spikes * 1000.0 / (self.cells * self.positions * spans_ms)
         return rates
 
     def counts(self, values: FloatArray, single: bool = False) -> IntArray:
-        """Spikes of each cell in each window, ``(candidate, cell, stimulus)``."""
+        """Spikes of each cell at each position, ``(candidate, cell x position, stimulus)``."""
         values = np.atleast_2d(values)
         membrane, coefficients = self._membranes(values)
         counts = sum(
@@ -132,7 +144,8 @@ class FitProblem:
             )
             for rises_or_falls in coefficients
         )
-        return np.asarray(counts).reshape(len(values), self.cells, -1)
+        by_position = np.asarray(counts).reshape(len(values), self.cells, -1, self.positions)
+        return np.moveaxis(by_position, 3, 2).reshape(len(values), self.cells * self.positions, -1)
 
     def spikes(
         self, stress_pa: FloatArray, values: FloatArray
@@ -211,12 +224,13 @@ class FitProblem:
 class ThresholdTarget:
     """Observed threshold amplitudes of one class.
 
-    `stress_pa` ``(T, threshold, amplitude)`` is the stress under vibrations of
-    `amplitudes_um` ``(threshold, amplitude)``, ascending, around each of `observed_um`
-    ``(threshold,)``. An amplitude reaches the threshold with `needed` spikes in its window.
+    `stress_pa` ``(T, threshold, amplitude)`` or ``(T, threshold, amplitude, position)`` is the
+    stress under vibrations of `amplitudes_um` ``(threshold, amplitude)``, ascending, around each
+    of `observed_um` ``(threshold,)``. An amplitude reaches the threshold with `needed` spikes in
+    its window.
     The threshold of a cell is the geometric mean of the last amplitude below it and the
-    first that reaches it; the model's is the geometric mean over cells. The error is the
-    largest squared logarithm of model over observed. With the mean error, a search would
+    first that reaches it; the model's is the geometric mean over cells and positions. The error
+    is the largest squared logarithm of model over observed. With the mean error, a search would
     accept a few large errors for many smaller ones.
     """
 
@@ -232,12 +246,12 @@ class ThresholdTarget:
 
     def errors(self, problem: FitProblem, values: FloatArray, single: bool = False) -> FloatArray:
         """Largest squared logarithm of each candidate, ``(candidate,)``."""
-        rows, count, levels = self.stress_pa.shape
+        rows, count, levels = self.stress_pa.shape[:3]
         key = problem.model.name, problem.cells
         if key not in self._rate_problems:
             self._rate_problems[key] = FitProblem(
                 model=problem.model,
-                stress_pa=self.stress_pa.reshape(rows, -1),
+                stress_pa=self.stress_pa.reshape(rows, count * levels, -1),
                 observed_ips=np.zeros(count * levels),
                 groups=("",) * (count * levels),
                 windows_ms=tuple(window for window in self.windows_ms for _ in range(levels)),
@@ -246,9 +260,7 @@ class ThresholdTarget:
             )
         rate_problem = self._rate_problems[key]
         model_values = values[:, : len(rate_problem.free)]
-        spikes = rate_problem.counts(model_values, single).reshape(
-            len(values), problem.cells, count, levels
-        )
+        spikes = rate_problem.counts(model_values, single).reshape(len(values), -1, count, levels)
         below = (np.cumsum(spikes >= self.needed[:, np.newaxis], axis=-1) == 0).sum(axis=-1)
         logs = np.log(self.amplitudes_um)
         step = logs[:, 1:2] - logs[:, :1]
@@ -270,11 +282,11 @@ LATENCY = Free("latency_ms", 0.0, 20.0, "ms", even=True)
 class TimingTarget:
     """Observed spike times of one class.
 
-    `trains_ms` has the recorded trains of each column of `stress_pa` ``(T, stimulus)``.
-    Each train is compared with the nearest cell, whose spikes are delayed by `latency_ms`.
-    The error is the sum of distances per recorded spike: van Rossum's squared (1/2 where
-    no spike has a match within `tau_ms`), or that of Victor and Purpura (1 there), with a
-    cost of 1 to move a spike by `tau_ms`.
+    `trains_ms` has the recorded trains of each stimulus of `stress_pa` ``(T, stimulus)`` or
+    ``(T, stimulus, position)``. Each train is compared with the nearest cell at any position,
+    whose spikes are delayed by `latency_ms`. The error is the sum of distances per recorded
+    spike: van Rossum's squared (1/2 where no spike has a match within `tau_ms`), or that of
+    Victor and Purpura (1 there), with a cost of 1 to move a spike by `tau_ms`.
     """
 
     stress_pa: FloatArray
@@ -291,10 +303,16 @@ class TimingTarget:
         recorded_spikes = sum(times.size for trains in self.trains_ms for times in trains)
         errors = np.empty(len(values))
         for row, candidate in enumerate(values):
-            spikes_ms = encode_cells(self.stress_pa, problem.dt_ms, problem.parameters(candidate))
+            columns = self.stress_pa.reshape(len(self.stress_pa), -1)
+            spikes_ms = encode_cells(columns, problem.dt_ms, problem.parameters(candidate))
+            positions = columns.shape[1] // len(self.trains_ms)
             errors[row] = sum(
-                min(self._apart(times, cell + candidate[column]) for cell in cells)
-                for cells, trains in zip(spikes_ms, self.trains_ms, strict=True)
+                min(
+                    self._apart(times, cell + candidate[column])
+                    for cells in spikes_ms[stimulus * positions : (stimulus + 1) * positions]
+                    for cell in cells
+                )
+                for stimulus, trains in enumerate(self.trains_ms)
                 for times in trains
             )
         return errors / max(recorded_spikes, 1)
@@ -309,8 +327,9 @@ class TimingTarget:
 class PhaseTarget:
     """Observed vector strengths of one class under vibrations.
 
-    `stress_pa` is ``(T, stimulus)`` under vibrations of `frequencies_hz`; `strengths`
-    ``(stimulus, 2)`` are at the frequency and its double, over the spikes of all cells.
+    `stress_pa` is ``(T, stimulus)`` or ``(T, stimulus, position)`` under vibrations of
+    `frequencies_hz`; `strengths` ``(stimulus, 2)`` are at the frequency and its double, over the
+    spikes of all cells at all positions.
     The error is the mean squared difference, 1 without spikes.
     """
 
@@ -323,8 +342,10 @@ class PhaseTarget:
 
     def errors(self, problem: FitProblem, values: FloatArray, single: bool = False) -> FloatArray:
         """Mean squared difference of each candidate, ``(candidate,)``."""
-        times_ms, candidate, _, stimulus = problem.spikes(self.stress_pa, values)
+        columns = self.stress_pa.reshape(len(self.stress_pa), -1)
+        times_ms, candidate, _, column = problem.spikes(columns, values)
         shape = len(values), self.frequencies_hz.size
+        stimulus = column // (columns.shape[1] // shape[1])
         cell_index = candidate * shape[1] + stimulus
         count = np.bincount(cell_index, minlength=shape[0] * shape[1]).reshape(shape)
         squared = np.empty((*shape, 2))

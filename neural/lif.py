@@ -23,7 +23,7 @@ a power of two, such as 0.5 ms.
 
 import math
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -32,6 +32,7 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from fembridge.errors import TraceError
 from fembridge.typing import BoolArray, FloatArray, IntArray
+from neural.compiled import compiled
 
 # Up to this number, membranes are faster one by one.
 _MAX_ONE_BY_ONE = 20
@@ -144,6 +145,8 @@ def fire(
             for constant in membrane.constants()
         )
     )
+    if step := compiled(_fire_rows):
+        return _fire_compiled(step, flat, constants, current_state)
     if count <= _MAX_ONE_BY_ONE:
         return _fire_each(flat, constants, current_state)
     spikes_by_row = [spikes for spikes, _ in spiking(flat, constants, current_state)]
@@ -218,6 +221,83 @@ def spiking(
     for _, recent_spikes in refractory_groups:
         for n, spikes in enumerate(recent_spikes):
             rest[spikes] = n + 1
+
+
+def _fire_compiled(
+    step: Callable[..., tuple[IntArray, IntArray]],
+    current: FloatArray,
+    membrane: Membrane,
+    state: State,
+) -> tuple[IntArray, IntArray]:
+    """`fire` by the compiled loop `step`."""
+    decay, threshold, refractory, clamped, jump, kept_share, turns = membrane.constants()
+    lowest, turn = (np.where(flags, 0.0, -np.inf) for flags in (clamped, turns))
+    values = np.stack([decay, threshold, jump, kept_share, lowest, turn]).astype(np.float64)
+    rows, membranes = step(
+        np.ascontiguousarray(current, dtype=np.float64),
+        values,
+        np.ascontiguousarray(refractory, dtype=np.int64),
+        state.potential,
+        state.raised,
+        state.rest,
+    )
+    order = np.argsort(membranes, kind="stable")
+    return rows[order], membranes[order]
+
+
+def _fire_rows(
+    current: FloatArray,
+    values: FloatArray,
+    refractory: IntArray,
+    potential: FloatArray,
+    raised: FloatArray,
+    rest: IntArray,
+) -> tuple[IntArray, IntArray]:
+    """Row and membrane of every spike, by time; the state is changed to that after the last row.
+
+    The rows of `values` are decay, threshold, jump, share kept of it, lowest potential, and the
+    potential below which the threshold returns. The inner loop has no branches but choices between
+    two numbers, so that it becomes vector instructions.
+    """
+    decay, threshold, jump, kept_share, lowest, turn = values
+    count = decay.size
+    fired = np.zeros(count, np.float64)
+    spikes, room = 0, 1024
+    at_row, at_membrane = np.empty(room, np.int64), np.empty(room, np.int64)
+    # In double precision as all else: a row is one kind of vector.
+    waiting = rest.astype(np.float64)
+    for row in range(current.shape[0]):
+        fed, total = current[row], 0.0
+        for k in range(count):
+            next_potential = potential[k] * decay[k] + fed[k]
+            next_potential = 0.0 if waiting[k] > 0.0 else next_potential
+            added = 0.0 if next_potential < turn[k] else raised[k]
+            added *= kept_share[k]
+            next_potential = lowest[k] if next_potential < lowest[k] else next_potential
+            spike = 1.0 if next_potential > threshold[k] + added else 0.0
+            potential[k] = 0.0 if spike > 0.0 else next_potential
+            raised[k] = added
+            waiting[k] = max(waiting[k] - 1.0, 0.0)
+            fired[k] = spike
+            total += spike
+        if total > 0.0:
+            for k in range(count):
+                if fired[k] > 0.0:
+                    raised[k] += jump[k]
+                    waiting[k] = refractory[k]
+                    if spikes == room:
+                        room *= 2
+                        more_rows, more_membranes = (
+                            np.empty(room, np.int64),
+                            np.empty(room, np.int64),
+                        )
+                        more_rows[:spikes], more_membranes[:spikes] = at_row, at_membrane
+                        at_row, at_membrane = more_rows, more_membranes
+                    at_row[spikes], at_membrane[spikes] = row, k
+                    spikes += 1
+    for k in range(count):
+        rest[k] = np.int64(waiting[k])
+    return at_row[:spikes], at_membrane[:spikes]
 
 
 def _fire_each(current: FloatArray, membrane: Membrane, state: State) -> tuple[IntArray, IntArray]:

@@ -14,7 +14,7 @@
 than the base needs all keys of that model. A file without a ``base`` needs every class and
 every key without a default, so that a cut file is refused. `preindent_um` is the depth of
 the probe in um before time 0 in the fit. ``name`` and the tables ``fit`` and ``study``
-describe the origin and are kept; of ``fit`` only the finger and the equations are read.
+describe the origin and are kept; of ``fit`` only the mechanics and the equations are read.
 Numbers fitted with another equation than this version's, and unknown keys, are refused.
 """
 
@@ -47,13 +47,21 @@ _LONGEST_NAME = 255  # as that of a file
 _LONGEST_SHOWN = 40  # of a name in a message
 
 _ORIGIN_KEYS = ("name", "fit", "study")
+# Names of `ParameterSet.mechanics` by their keys in the table ``fit.response``.
+_MECHANICS_KEYS = {
+    "finger": "name",
+    "finger_sha256": "sha256",
+    "pad": "pad",
+    "ridges": "ridges",
+    "probe": "probe",
+}
 _NO_SECTIONS = {"base", "preindent_um", *_ORIGIN_KEYS}
 _BASE_HINT = '; a file of some classes or keys begins with base = "fitted" or "published"'
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterSet:
-    """Parameters of all classes, with the finger and pre-indentation of their fit.
+    """Parameters of all classes, with the mechanics and pre-indentation of their fit.
 
     `neural.parameter_set` makes one of a name or a file.
 
@@ -67,16 +75,16 @@ class ParameterSet:
         Depth of the probe in um before time 0 in the fit, 0 or more. Default: 0.
     origin
         How the numbers were obtained. Default: empty.
-    finger
-        Finger of the fit: ``name``, and ``sha256`` unless it is a preset. Default: empty, as
-        of Table 2.
+    mechanics
+        Mechanics of the fit: ``name`` of the model, and ``sha256`` unless it is a preset; of a
+        probe on a pad also ``pad``, ``ridges`` and ``probe``. Default: empty, as of Table 2.
     """
 
     name: str
     parameters: Parameters
     preindent_um: float = 0.0
     origin: Mapping[str, object] = field(default_factory=dict)
-    finger: Mapping[str, str] = field(default_factory=dict)
+    mechanics: Mapping[str, str] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         drives = ", ".join(f"{name} {part.drive}" for name, part in self.parameters.items())
@@ -85,17 +93,21 @@ class ParameterSet:
     def __reduce__(self) -> tuple[Callable[..., "ParameterSet"], tuple[object, ...]]:
         if self.to_table() == {"name": self.name}:
             return parameter_set, (self.name,)
-        values = (dict(self.parameters), self.preindent_um, dict(self.origin), dict(self.finger))
+        values = dict(self.parameters), self.preindent_um, dict(self.origin), dict(self.mechanics)
         return ParameterSet, (self.name, *values)
 
     def to_table(self) -> Table:
         """Table for the record of a run: a shipped set by its name, others complete.
 
-        The finger and the equations of the fit are included, for checks by later versions.
+        The mechanics and the equations of the fit are included, for checks by later versions.
         """
         if self.name in SET_NAMES and parameter_set(self.name) is self:
             return {"name": self.name}
-        response = {"finger" if k == "name" else f"finger_{k}": v for k, v in self.finger.items()}
+        response = {
+            key: self.mechanics[name]
+            for key, name in _MECHANICS_KEYS.items()
+            if name in self.mechanics
+        }
         fit: Table = {"response": response} if response else {}
         for afferent in AFFERENTS:
             row = _part(_part(self.origin, "fit"), afferent)
@@ -103,6 +115,41 @@ class ParameterSet:
                 fit[afferent] = {key: row[key] for key in ("drive", "equation") if key in row}
         table = {"name": self.name, "preindent_um": self.preindent_um}
         return {**table, **parameters_to_table(self.parameters), **({"fit": fit} if fit else {})}
+
+    def to_record(self) -> Table:
+        """Keys of this set in the record of a result: what `from_record` needs."""
+        return {
+            "parameter_set": self.name,
+            "parameters": parameters_to_table(self.parameters),
+            "fitted_at_um": float(self.preindent_um),
+            "fit": self.to_table().get("fit"),
+        }
+
+    @classmethod
+    def from_record(cls, record: Table, source: str) -> "ParameterSet | None":
+        """Parameter set of the record of a result; None where the record names none.
+
+        Parameters
+        ----------
+        record
+            Record with the keys of `to_record`; without a depth that is 0.
+        source
+            Path that a `ParameterError` names.
+
+        Raises
+        ------
+        ParameterError
+            See `from_table`.
+        """
+        name, parameters = record.get("parameter_set"), _part(record, "parameters")
+        if not isinstance(name, str) or not parameters:
+            return None
+        if name in SET_NAMES:
+            shipped = parameter_set(name)
+            if parameters_to_table(shipped.parameters) == parameters:
+                return shipped
+        table = {"name": name, "preindent_um": record.get("fitted_at_um", 0.0), **parameters}
+        return cls.from_table({**table, "fit": record.get("fit", {})}, name, source)
 
     @classmethod
     def from_table(cls, table: Table, name: str, source: str) -> "ParameterSet":
@@ -148,12 +195,13 @@ class ParameterSet:
                 _check_equation(_part(fit, afferent), parameters[afferent])
         except ParameterError as error:
             raise ParameterError.from_error(error, Path(source)) from error
-        finger, response = base_set.finger, _part(fit, "response")
+        mechanics, response = base_set.mechanics, _part(fit, "response")
         if "finger" in response:
-            identity = {"name": response["finger"], "sha256": response.get("finger_sha256")}
-            finger = {key: str(value) for key, value in identity.items() if value is not None}
+            mechanics = {
+                name: str(response[key]) for key, name in _MECHANICS_KEYS.items() if key in response
+            }
         origin = {key: table[key] for key in _ORIGIN_KEYS if key in table}
-        return cls(checked_head.name, parameters, checked_head.preindent_um, origin, finger)
+        return cls(checked_head.name, parameters, checked_head.preindent_um, origin, mechanics)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,7 @@ import numpy as np
 
 from fembridge.errors import ParameterError
 from fembridge.typing import FloatArray
+from neural.compiled import compiled
 from neural.models import model_of
 from neural.parameters import AfferentParameters
 
@@ -62,6 +63,12 @@ def fits_step(parameters: AfferentParameters, dt_ms: float) -> bool:
     return True
 
 
+def overshoot(parameters: AfferentParameters, dt_ms: float) -> float:
+    """Range of the stress at the time step of the parameters over that of the trace, at most."""
+    finer, _ = step_ratio(parameters, dt_ms)
+    return float(np.abs(_weights(finer)).sum(axis=1).max())
+
+
 def read_at_step(
     read: Reader, samples: int, parameters: AfferentParameters, dt_ms: float
 ) -> tuple[Reader, int]:
@@ -90,6 +97,12 @@ def _interpolating(read: Reader, samples: int, finer: int) -> Reader:
         begin = max(0, int(intervals[0]) - _BEFORE + 1)
         stop = min(samples, int(intervals[-1]) + _AFTER + 1)
         coarse = read(begin, stop)
+        if interpolate := compiled(_interpolate):
+            fine = np.empty((end - first, *coarse.shape[1:]))
+            columns = np.ascontiguousarray(coarse, dtype=np.float64).reshape(len(coarse), -1)
+            span = first - begin * finer, samples - 1 - begin
+            interpolate(columns, weights, *span, fine.reshape(len(fine), -1))
+            return fine
         base = coarse[intervals - begin]
         values = np.repeat(base, finer, axis=0).astype(np.float64, copy=False)
         shape = (len(intervals), finer, *coarse.shape[1:])
@@ -106,6 +119,23 @@ def _interpolating(read: Reader, samples: int, finer: int) -> Reader:
         return part
 
     return read_finer
+
+
+def _interpolate(
+    coarse: FloatArray, weights: FloatArray, first: int, last: int, fine: FloatArray
+) -> None:
+    """Values ``(T, column)`` from fine sample `first` on; row `last` of `coarse` ends the trace."""
+    finer = weights.shape[0]
+    for row in range(fine.shape[0]):
+        interval, point = divmod(first + row, finer)
+        a, b, c = max(interval - 2, 0), max(interval - 1, 0), min(interval, last)
+        d, e, f = min(interval + 1, last), min(interval + 2, last), min(interval + 3, last)
+        of_a, of_b, _, of_d, of_e, of_f = weights[point]
+        for k in range(fine.shape[1]):
+            base = coarse[c, k]
+            change = of_a * (coarse[a, k] - base) + of_b * (coarse[b, k] - base)
+            change += of_d * (coarse[d, k] - base) + of_e * (coarse[e, k] - base)
+            fine[row, k] = base + (change + of_f * (coarse[f, k] - base))
 
 
 @cache

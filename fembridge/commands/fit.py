@@ -19,6 +19,9 @@ from fembridge.commands.options import (
     Use,
     add_from,
     add_output_option,
+    add_pad_probe_options,
+    pad_probe_from,
+    pad_probe_use,
     words_of,
 )
 from fembridge.host.interrupt import INTERRUPTED
@@ -34,7 +37,10 @@ EXAMPLE = "fembridge fit --observed rates.csv --afferent RA --seed 1 -o fit"
 LIST = "list"
 ALL = "all"
 
-USES = (Use("--spike-distance", "--spikes", lambda args: args.spikes is not None),)
+USES = (
+    Use("--spike-distance", "--spikes", lambda args: args.spikes is not None),
+    pad_probe_use(),
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -70,7 +76,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         evaluations=("N", "candidates evaluated per search"),
         population=("N", "candidates per generation"),
         seed=("N", "seed of the search"),
-        rule=(tuple(RULES), f"rule that selects a candidate of the front. {rules}"),
+        rule=(
+            "RULE",
+            f"rule that selects a candidate of the front, or rules by class, SA=tolerant,"
+            f"RA=balanced. {rules}",
+        ),
     )
     add_from(
         parser,
@@ -99,7 +109,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     stress = parser.add_mutually_exclusive_group()
     add_from(stress, fit, "response", finger=STORED_FINGER)
-    add_from(parser, fit, "unit")
+    add_pad_probe_options(parser, stress)
+    add_from(parser, fit, "unit", name=("NAME", "name of the parameter set (default: fit)"))
     missing = "accept stimuli without a rate of some class"
     add("--allow-missing", action="store_true", help=missing)
     add_output_option(parser, default="fit")
@@ -120,7 +131,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     with SearchBar() as bar:
         result = fit(
-            **words_of(args, fit),
+            **{**words_of(args, fit), "pad": pad_probe_from(args)},
             afferents=args.afferent,
             targets=FitTargets(**words_of(args, FitTargets)),
             search=Search(**words_of(args, Search)),

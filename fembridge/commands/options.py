@@ -19,6 +19,7 @@ from fembridge.ranges import RANGES, Range
 
 if TYPE_CHECKING:
     from decks.probe import Probe
+    from fembridge.touching.pad_probe import PadProbe
 
 Description: TypeAlias = str | tuple[str | Iterable[str] | Mapping[str, Any], str]
 """Help of an option; or its metavar, choices or settings of argparse, and its help."""
@@ -29,6 +30,8 @@ WAVEFORM = ("seed", "slide_mm_per_s", "dt_ms", "full_scale_um", "window_ms")
 SOLVING = ("whole_section", "inertia", "law")
 """Fields of `fembridge.Analysis`."""
 LIMITS = ("threads", "jobs", "time_limit_s", "cache")
+PAD_PROBE = "--shape --at-mm --ridges --positions --deepest-um"
+"""Options of a probe on a pad, beside ``--pad``."""
 STORED_FINGER = (("quick", "paper"), "finger of the stored response (default: quick)")
 """``--finger`` of the verbs that solve nothing."""
 
@@ -248,8 +251,8 @@ _SHARED: Mapping[str, Description] = {
     ),
     "endings_mm": (
         "MM",
-        "distance from the ending of an SA or RA unit to eight further endings of half its "
-        "sensitivity; the ending with the largest drive counts; 0: a single ending",
+        "distance from the most sensitive ending of an SA or RA unit up to which its 3 to 9 other "
+        "endings lie; the ending with the largest drive counts; 0: a single ending",
     ),
     "sa_von_mises": "SA units respond to von Mises stress, as in the paper, instead of "
     "compression and stretch",
@@ -343,6 +346,59 @@ def add_probe_options(parser: argparse._ActionsContainer) -> None:
     add("--probe-fillet-mm", type=NUMBERS["probe_fillet_mm"], metavar="R", help=fillet)
     position = "position across the finger (default: 0)"
     add("--probe-x-mm", type=NUMBERS["probe_x_mm"], metavar="X", help=position)
+
+
+def add_pad_probe_options(
+    parser: argparse.ArgumentParser, stress: argparse._ActionsContainer
+) -> None:
+    """Add ``--pad`` to the ways to get stress, and the fields of `fembridge.PadProbe`."""
+    from fembridge.touching.pad_probe import PadProbe
+
+    stress.add_argument(
+        "--pad",
+        metavar="NAME|FILE.npz",
+        help="a probe on a pad instead: reference; fingertip or fingertip_macaque (round); or a "
+        "file of `fembridge pad`",
+    )
+    group = parser.add_argument_group("probe on a pad")
+    add_from(
+        group,
+        PadProbe,
+        shape=("SHAPE|FILE", "the probe, as punch:diameter_mm=0.7; punch is a pin of 1 mm"),
+    )
+    group.add_argument(
+        "--at-mm",
+        type=NUMBERS["at_mm"],
+        nargs=2,
+        default=(0.0, 0.0),
+        metavar=("X", "Z"),
+        help="position of probe and units, across and along the finger (default: 0 0)",
+    )
+    add_from(
+        group,
+        PadProbe,
+        ridges=(
+            "NAME",
+            "fingerprint ridges, as in touch: loop, whorl, across or along, or none (default: loop "
+            "on the pad of a smooth finger)",
+        ),
+        positions=("N", "positions of the probe across a ridge, over which rates are means"),
+        deepest_um=("UM", "largest depth of the probe"),
+    )
+
+
+def pad_probe_use(needs: str = "--pad") -> Use:
+    """The options of a probe are for ``--pad``."""
+    return Use(PAD_PROBE, needs, lambda args: args.pad is not None)
+
+
+def pad_probe_from(args: argparse.Namespace) -> "PadProbe | None":
+    """The probe on the pad of the options; None without ``--pad``."""
+    from fembridge.touching.pad_probe import PadProbe
+
+    if args.pad is None:
+        return None
+    return PadProbe(**{**words_of(args, PadProbe), "at_mm": tuple(args.at_mm)})
 
 
 def probe_from(args: argparse.Namespace) -> "Probe":

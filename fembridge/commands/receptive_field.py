@@ -1,8 +1,8 @@
-"""Map where on the skin a probe makes an afferent fire, and the area against depth.
+"""Map where on the skin a probe makes units fire: areas, hot spots and thresholds of a population.
 
-The median afferent of each class lies below the middle of the pad; a flat round probe is pressed
-at each position, by a ramp of 20 ms and a hold of 100 ms, or vibrates. The field is where the
-probe causes a tenth of the impulses of the hot spot, at least one.
+Units of each class lie below the middle of the pad; a flat round probe is pressed at each position,
+by a ramp of 20 ms and a hold of 100 ms, or vibrates. The field is where the probe causes a tenth
+of the impulses of the hot spot, at least one. Printed are medians and quartiles over the units.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from fembridge.commands.options import (
     words_of,
 )
 
-EXAMPLE = "fembridge receptive-field --afferent RA --depth-um 100,200,400 -o field"
+EXAMPLE = "fembridge receptive-field --afferent RA --depth-um 50,100,200 -o field"
 
 USES = (
     Use("--endings-mm", "--afferent SA or RA", lambda args: {"SA", "RA"} & set(args.afferent)),
@@ -43,19 +43,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "endings_mm",
         "sa_von_mises",
         "pad",
+        units=("N", "units of each class, at even quantiles of its sensitivity; 1: a median unit"),
         probe_diameter_mm=("D", "diameter of the probe"),
         depth_um=("UM", "depths, or amplitudes"),
-        times_threshold=("N", "further depths, as multiples of the threshold"),
+        times_threshold=("N", "further depths, as multiples of the threshold of each unit"),
         criterion=("SHARE", "share of the impulses at the hot spot that counts as a response"),
         frequency_hz=("HZ", "vibrate the probe instead of pressing it"),
-        step_mm=("MM", "distance of two positions"),
+        background_um=(
+            "UM",
+            "depth of an array of such probes, before one of them goes deeper; units have adapted "
+            "to it; 0: a single probe",
+        ),
+        step_mm=("MM", "distance of two positions (default: 0.25, in an array 1.5 diameters)"),
         parameters=("NAME", "a set's name or a TOML file (default: fitted_pad)"),
     )
     add_output_option(parser, default="field")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Map the fields; the summary has areas and thresholds."""
+    """Map the fields; the summary has medians and quartiles."""
     from functools import partial
 
     import pandas
@@ -66,6 +72,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         AREAS_FILE,
         MAPS_FILE,
         RECORD_FILE,
+        SUMMARY_FILE,
+        UNITS_FILE,
         receptive_field,
         write_fields,
     )
@@ -79,12 +87,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         f"field_{field.afferent}.png": partial(save_figure, field.plot()) for field in fields
     }
     write_fields(args.output, fields, pictures)
-    areas = pandas.concat([field.areas for field in fields], ignore_index=True)
-    thresholds_um = {field.afferent: field.threshold_um for field in fields}
-    print(areas.to_string(index=False))
-    print(f"thresholds: {', '.join(f'{n} {um:.3g} um' for n, um in thresholds_um.items())}")
+    summary = pandas.concat([field.summary for field in fields], ignore_index=True)
+    print(summary.to_string(index=False, float_format="{:.3g}".format))
+    tables = (SUMMARY_FILE, UNITS_FILE, AREAS_FILE, MAPS_FILE, RECORD_FILE)
     return {
-        **written(args.output, [*pictures, MAPS_FILE, AREAS_FILE, RECORD_FILE]),
-        "threshold_um": thresholds_um,
-        "areas": areas.to_dict(orient="records"),
+        **written(args.output, [*pictures, *tables]),
+        "summary": summary.to_dict(orient="records"),
     }

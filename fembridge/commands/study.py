@@ -18,13 +18,19 @@ from fembridge.commands.options import (
     Use,
     add_from,
     add_output_option,
+    add_pad_probe_options,
+    pad_probe_from,
+    pad_probe_use,
     words_of,
 )
 from fembridge.host.interrupt import INTERRUPTED
 
 EXAMPLE = "fembridge study --observed rates.csv --drive published rising -o study"
 
-USES = (Use("--cells --preindent-um", "--drive", lambda args: args.drive),)
+USES = (
+    Use("--cells --preindent-um", "--drive", lambda args: args.drive),
+    pad_probe_use(),
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -61,7 +67,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--evaluations", **evaluations, default=10_000, help=tried)
     processes = "processes (default: 1)"
     add("--jobs", type=NUMBERS["jobs"], metavar="N", default=1, help=processes)
-    add_from(parser, study, finger=STORED_FINGER)
+    stress = parser.add_mutually_exclusive_group()
+    add_from(stress, study, "response", finger=STORED_FINGER)
+    add_pad_probe_options(parser, stress)
     add_output_option(parser, default="study")
 
 
@@ -75,7 +83,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         study,
     )
 
-    result = study(**words_of(args, study))
+    result = study(**{**words_of(args, study), "pad": pad_probe_from(args)})
     print(result.summary)
     best = {name: result.ranked(name)[0] for name in result.unfitted}
     return {

@@ -9,7 +9,15 @@ import argparse
 import shlex
 from typing import TYPE_CHECKING, Any
 
-from fembridge.commands.options import add_from, add_output_option, words_of
+from fembridge.commands.options import (
+    add_from,
+    add_output_option,
+    add_pad_probe_options,
+    option,
+    pad_probe_from,
+    pad_probe_use,
+    words_of,
+)
 from fembridge.host.terminal import print_table
 
 if TYPE_CHECKING:
@@ -19,9 +27,13 @@ if TYPE_CHECKING:
 EXAMPLE = "fembridge validate -o report"
 
 _FOLDER = "report"
-_FILES = ("response", "observed", "thresholds", "spikes", "impulses", "distance")
-# The parameters are neural.parameter_sets.DEFAULT_SET, which takes NumPy to import.
-_DEFAULTS = {"finger": "quick", "parameters": "fitted"}
+_FILES = (
+    *("response", "pad", "shape", "ridges", "observed", "recorded", "thresholds", "spikes"),
+    *("impulses", "distance", "finger", "parameters"),
+)
+_NUMBERS = ("positions", "deepest_um")
+_DEFAULTS = {"finger": "quick", "shape": "punch", "positions": 3, "deepest_um": 600.0}
+USES = (pad_probe_use(),)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,6 +47,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="observed rates: a table stimulus,afferent,rate_ips with any of the 82 stimuli and "
         "of SA, RA, PC",
     )
+    parser.add_argument(
+        "--recorded",
+        metavar="FOLDER",
+        help="recorded responses: tables of rates, ramps, textures, bars and fields, recognised by "
+        "their columns (docs/validation.md)",
+    )
     skin = parser.add_mutually_exclusive_group()
     skin.add_argument(
         "--finger",
@@ -43,12 +61,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="3 100 or 17 702 elements, or a file, whose response is solved (default: %(default)s)",
     )
     add_from(skin, validate, "response")
+    add_pad_probe_options(parser, skin)
     parser.add_argument(
         "--parameters",
-        default=_DEFAULTS["parameters"],
         metavar="NAME|FILE.toml",
-        help="model to judge: published, fitted or a file; the page also shows the published "
-        "model (default: %(default)s)",
+        help="model to judge: published, fitted, fitted_pad or a file; the page also shows the "
+        "published model (default: fitted; with --pad fitted_pad)",
     )
     parser.add_argument(
         "--thresholds",
@@ -79,7 +97,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     check_output(args.output, PAGE)
     tables = {name: getattr(args, name) for name in (*EVIDENCE_SETS, "spikes")}
     evidence = {name: path for name, path in tables.items() if path is not None}
-    result = validate(**{**words_of(args, validate), "output": None}, evidence=evidence)
+    arguments = {**words_of(args, validate), "output": None, "pad": pad_probe_from(args)}
+    result = validate(**arguments, evidence=evidence)
     files = result.write(args.output, command_line(args))
     assert result.data is not None
     rows = _rows(result.data)
@@ -102,9 +121,12 @@ def command_line(args: argparse.Namespace) -> str:
     from pathlib import Path
 
     parts = ["fembridge", "validate", "-o", str(args.output)]
-    for name in (*_FILES, *_DEFAULTS):
+    for name in (*_FILES, *_NUMBERS):
         if (value := getattr(args, name)) != _DEFAULTS.get(name):
-            parts += [f"--{name}", Path(value).name if Path(value).is_absolute() else value]
+            parts.append(option(name))
+            parts.append(Path(value).name if Path(str(value)).is_absolute() else str(value))
+    if any(args.at_mm):
+        parts += ["--at-mm", *(f"{value:g}" for value in args.at_mm)]
     return shlex.join(parts)
 
 

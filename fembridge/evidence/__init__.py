@@ -9,9 +9,11 @@ another table with the same columns as a set. The sets are
 ``impulses_a_cycle_johansson_1982``   afferent, frequency_hz, amplitude_um, impulses_per_cycle
 ``distance_johnson_1974``             distance_mm, amplitude_um
 ``ramp_and_hold``                     afferent, fact, source
+``agreement_ouyang_2021``             family, afferent, stimuli, r_squared, rmse_ips: of a model
 
-``touchsim/rates.csv`` has the rates of TouchSim under the 82 stimuli: another model, for
-comparison; its ``README.md`` describes how they were computed.
+``touchsim`` has results of TouchSim, another model, for comparison: ``rates.csv`` under the 82
+stimuli, and one table per further recorded set; its ``README.md`` describes how they were
+computed.
 """
 
 from dataclasses import dataclass
@@ -35,6 +37,7 @@ SETS = tuple(sorted(path.stem for path in FOLDER.glob("*.csv")))
 THRESHOLDS = "thresholds_freeman_johnson_1982"
 TIMING, PHASES = "timing_20hz", "timing_20hz_phase"
 HUMAN, DISTANCE, RAMP = "impulses_a_cycle_johansson_1982", "distance_johnson_1974", "ramp_and_hold"
+OUYANG = "agreement_ouyang_2021"
 CRITERIA = ("absolute", "one_impulse_a_cycle")
 LOWEST_HZ, HIGHEST_HZ = 2.0, 800.0
 """Range of the recorded frequencies of any class."""
@@ -47,6 +50,10 @@ TIMING_COLUMNS = (
     "strength_2f",
 )
 TOUCHSIM_TABLE = FOLDER / "touchsim/rates.csv"
+TOUCHSIM_SETS = tuple(
+    sorted(path.stem for path in TOUCHSIM_TABLE.parent.glob("*.csv") if path != TOUCHSIM_TABLE)
+)
+"""Tables of TouchSim for recorded sets other than the 82 stimuli."""
 TOUCHSIM_MODELS = {"SA": 4, "RA": 9, "PC": 4}
 """Number of TouchSim models of each class; a rate is their mean."""
 
@@ -150,6 +157,23 @@ def touchsim_rates(preindent_um: float = 0.0, *, whole_second: bool = False) -> 
     table = table[(table.preindent_um == preindent_um) & (table.window_ms == window_ms)]
     columns = (table[name] for name in RATE_COLUMNS)
     return [Rate(*row) for row in zip(*columns, strict=True)]
+
+
+@cache
+def touchsim_table(name: str) -> "pandas.DataFrame":
+    """TouchSim's table `name`, one of `TOUCHSIM_SETS`; copy it before changing it.
+
+    Raises
+    ------
+    UsageError
+        Unknown table.
+    """
+    import pandas
+
+    if name not in TOUCHSIM_SETS:
+        expected = f"one of {', '.join(TOUCHSIM_SETS)}"
+        raise UsageError(argument="name", found=name, expected=expected)
+    return pandas.read_csv(TOUCHSIM_TABLE.parent / f"{name}.csv")
 
 
 def _citation(path: Path) -> str:

@@ -66,6 +66,8 @@ if TYPE_CHECKING:
 
     from decks.finger import Finger
     from fembridge.plots.style import Panels
+    from fembridge.touching.pad import Pad
+    from fembridge.touching.pad_probe import PadProbe
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -111,8 +113,8 @@ class Search:
         Seed of the search; the same seed gives the same fit. Default: 1.
     rule
         Rule that selects a candidate of the Pareto front: ``smallest_error``, ``balanced``,
-        ``tolerant`` or ``frequency_response``, see `neural.search.RULES`. Default:
-        ``smallest_error``.
+        ``tolerant`` or ``frequency_response``, see `neural.search.RULES`; or rules by class,
+        ``"SA=tolerant,RA=balanced"``. Default: ``smallest_error``.
 
     Raises
     ------
@@ -129,7 +131,32 @@ class Search:
         _check_range("population", self.population, *_POPULATIONS)
         _check_range("evaluations", self.evaluations, self.population)
         _check_range("seed", self.seed, 0)
-        _check_choice("rule", self.rule, RULES)
+        for rule in self._rules().values():
+            _check_choice("rule", rule, RULES)
+
+    def rule_of(self, afferent: str) -> str:
+        """Rule of a class, by default ``smallest_error``.
+
+        Parameters
+        ----------
+        afferent
+            Name of the class.
+        """
+        rules = self._rules()
+        return rules.get(afferent, rules.get("", Search().rule))
+
+    def _rules(self) -> dict[str, str]:
+        """Rules by class; that of all classes has the name ""."""
+        if "=" not in self.rule:
+            return {"": self.rule}
+        rules = {}
+        for text in self.rule.split(","):
+            afferent, _, rule = map(str.strip, text.partition("="))
+            if afferent not in AFFERENTS:
+                expected = f"a rule, or CLASS=RULE of {', '.join(AFFERENTS)}"
+                raise UsageError(argument="rule", found=self.rule, expected=expected)
+            rules[afferent] = rule
+        return rules
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -429,6 +456,8 @@ def fit(
     finger: str | Finger | None = None,
     response: ResponseLike | None = None,
     unit: str | Sequence[str] = (),
+    pad: str | Path | Pad | PadProbe | None = None,
+    name: str | None = None,
     output: PathLike | None = None,
     on_progress: OnProgress | None = None,
 ) -> Fit:
@@ -458,7 +487,8 @@ def fit(
         Length and seed of the search, and rule of selection. Default: `Search()`.
     preindent_um
         Depth of the probe before time 0, in um. Default: None, 0 for the model ``published`` and
-        for a deck of yours, otherwise that of the parameter set ``fitted``.
+        for a deck of yours, otherwise that of the parameter set ``fitted``, on a pad
+        ``fitted_pad``.
     held_out
         Also predict each group of stimuli by a fit without that group. Default: False.
     complete
@@ -472,6 +502,11 @@ def fit(
     unit
         Units of classes that have several in `response`, as ``["SA=12", "RA=40"]``, one of a
         class. Default: (), of each class the one with the largest stress.
+    pad
+        Pad under whose default probe afferents are fitted, as in `touch`, or a `PadProbe`: another
+        probe, position or skin. Instead of `finger`. Default: None.
+    name
+        Name of the parameter set. Default: None, ``fit``, with `drive` ``fit_DRIVE``.
     output
         Folder for the result, see `Fit.write`. Default: None, nothing is written.
     on_progress
@@ -499,9 +534,8 @@ def fit(
     (['SA'], 75.0)
     """
     _check_choice("family", family, (*FAMILIES, ALL))
-    source = response_source(finger, response, [unit] if isinstance(unit, str) else unit)
-    is_at_zero = drive == "published" or source.response.is_of_deck
-    default_preindent_um = 0.0 if is_at_zero else parameter_set("fitted").preindent_um
+    source = response_source(finger, response, [unit] if isinstance(unit, str) else unit, pad)
+    default_preindent_um = 0.0 if drive == "published" else source.preindent_um
     settings = FitSettings(
         families=FAMILIES if family == ALL else (family,),
         preindent_um=default_preindent_um if preindent_um is None else preindent_um,
@@ -543,7 +577,7 @@ def fit(
     }
     result = replace(
         result,
-        name=f"fit_{drive}" if drive else "fit",
+        name=name or (f"fit_{drive}" if drive else "fit"),
         provenance=fit_table(result, rates, source, options),
     )
     if output is not None:
@@ -655,7 +689,8 @@ def fit_afferents(
             model, start_s = problem.model, time.perf_counter()
             progress = partial(on_progress, model.afferent) if on_progress else None
             front = search_front(problem, on_progress=progress, **search)
-            choice = choose(problem, front, settings.search.rule)
+            rule = settings.search.rule_of(model.afferent)
+            choice = choose(problem, front, rule)
             seconds = time.perf_counter() - start_s
             values = front.candidates[choice.row]
             published_model = model_named("published", model.afferent)
@@ -695,9 +730,7 @@ def fit_afferents(
             if not front.finished:
                 break
             if settings.held_out:
-                held_out_rates_ips = held_out_ips(
-                    problem, settings.search.rule, on_progress, **search
-                )
+                held_out_rates_ips = held_out_ips(problem, rule, on_progress, **search)
                 rates.loc[rates["seen"], "held_out_ips"] = held_out_rates_ips
                 _LOGGER.info(
                     f"predicted held-out groups of {model.afferent}: RMSE "

@@ -26,7 +26,7 @@ from fembridge.host.store import check_output, filling, read_toml, write_text, w
 from fembridge.io.formatting import markdown
 from fembridge.io.observed_rates import ObservedRates, read_observed
 from fembridge.plots.shown import Shown
-from fembridge.response.response_map import ResponseMap
+from fembridge.response.response_map import ResponseLike, ResponseMap
 from fembridge.typing import Table
 from fembridge.version import __version__
 from neural.agreement import Agreement, Regression, agreement
@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 
     from decks.finger import Finger
     from fembridge.plots.style import Panels
+    from fembridge.touching.pad import Pad
+    from fembridge.touching.pad_probe import PadProbe
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -215,6 +217,8 @@ def study(
     evaluations: int = EVALUATIONS,
     jobs: int = 1,
     finger: str | Finger | None = None,
+    response: ResponseLike | None = None,
+    pad: str | Path | Pad | PadProbe | None = None,
     output: PathLike | None = None,
 ) -> ModelStudy:
     """Comparison of afferent models fitted to the same observed rates.
@@ -244,6 +248,11 @@ def study(
     finger
         Preset finger whose stored response gives the stress, ``quick`` or ``paper``.
         Default: None, ``quick``.
+    response
+        Response map, or its file or folder, instead of `finger`, see `fit`. Default: None.
+    pad
+        Pad under whose default probe afferents are fitted, or a `PadProbe`, see `fit`. Default:
+        None.
     output
         Folder for the result, see `ModelStudy.write`. Default: None, nothing is written.
 
@@ -271,7 +280,7 @@ def study(
     rates = read_observed(Path(observed) if isinstance(observed, str) else observed)
     cases = _cases_of(rates, drive, cells, preindent_um)
     Search(evaluations=evaluations)  # checks its range
-    source = response_source(finger)
+    source = response_source(finger, response, (), pad)
     if output is not None:
         check_output(Path(output), CASES_FILE, RECORD_FILE, PICTURE_FILE, SUMMARY_FILE)
     number = count(1)
@@ -476,11 +485,12 @@ def _trials_of(
 def _unfitted(observed: ObservedRates, response: ResponseMap, afferent: str) -> Agreement:
     """Agreement of Table 2 as printed, without pre-indentation."""
     problem = fit_problem(observed, response, model_named("published", afferent))
-    runs = encode_cells(problem.stress_pa, problem.dt_ms, PUBLISHED[afferent])
-    rates = [
-        mean_rate_ips(cells, window) for cells, window in zip(runs, problem.windows_ms, strict=True)
-    ]
-    return agreement(problem.observed_ips, np.array(rates))
+    columns = problem.stress_pa.reshape(len(problem.stress_pa), -1)
+    runs = encode_cells(columns, problem.dt_ms, PUBLISHED[afferent])
+    windows_ms = [window for window in problem.windows_ms for _ in range(problem.positions)]
+    rates = [mean_rate_ips(cells, window) for cells, window in zip(runs, windows_ms, strict=True)]
+    by_position = np.array(rates).reshape(-1, problem.positions)
+    return agreement(problem.observed_ips, by_position.mean(axis=1))
 
 
 def summary_text(study: ModelStudy) -> str:

@@ -45,11 +45,14 @@ from neural.fit_problem import (
     TimingTarget,
 )
 from neural.models import DEFAULT_MODELS, MODELS, AfferentModel, model_named
+from neural.parameter_sets import parameter_set
 
 if TYPE_CHECKING:
     import pandas
 
     from decks.finger import Finger
+    from fembridge.touching.pad import Pad
+    from fembridge.touching.pad_probe import PadProbe
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -219,7 +222,7 @@ def threshold_target(
         windows.append((0.0, end_ms) if is_first_impulse else (cycle_ms, (cycles + 1) * cycle_ms))
     stress_pa = response.stress_pa(model, waves)
     return ThresholdTarget(
-        stress_pa=stress_pa.reshape(len(stress_pa), -1, _LEVELS),
+        stress_pa=stress_pa.reshape(len(stress_pa), -1, _LEVELS, stress_pa.shape[2]),
         amplitudes_um=np.array(levels),
         observed_um=rows["amplitude_um"].to_numpy(np.float64),
         needed=np.array(needed),
@@ -293,12 +296,24 @@ class ResponseSource:
     stored: bool = False
     units: tuple[str, ...] = ()
 
+    @property
+    def parameters(self) -> str:
+        """Shipped parameter set that was fitted on such mechanics."""
+        return "fitted_pad" if "mechanics" in self.response.origin else "fitted"
+
+    @property
+    def preindent_um(self) -> float:
+        """Depth of the probe before time 0 by default, in um."""
+        return 0.0 if self.response.is_of_deck else parameter_set(self.parameters).preindent_um
+
     def to_table(self) -> Table:
         """Description of the response map for TOML, without paths."""
         origin, closure_percent = self.response.origin, self.response.closure_percent
         identity = model_id(origin)
+        is_of_pad = "mechanics" in origin
+        source = "probe on a pad" if is_of_pad else "solved response"
         table = {
-            "source": "stored response" if self.stored else "solved response",
+            "source": "stored response" if self.stored else source,
             "file": None if self.path is None else self.path.name,
             "sha256": None if self.path is None else sha256_of(self.path),
             "finger": identity.get("name"),
@@ -306,6 +321,10 @@ class ResponseSource:
             **{key: origin.get(key) for key in ("solver", "element", "deck_sha256")},
             "closure_percent": None if math.isnan(closure_percent) else closure_percent,
             "units": list(self.units) or None,
+            **{key: identity.get(key) for key in ("pad", "ridges", "probe")},
+            "pad_sha256": origin["pad"].get("sha256") if is_of_pad else None,
+            "at_mm": [origin["probe"][key] for key in ("x_mm", "z_mm")] if is_of_pad else None,
+            "positions": len(origin["positions_mm"]) if is_of_pad else None,
         }
         return {key: value for key, value in table.items() if value is not None}
 
@@ -314,21 +333,29 @@ def response_source(
     finger: "str | Finger | None" = None,
     response: "ResponseLike | None" = None,
     units: Sequence[str] = (),
+    pad: "str | Path | Pad | PadProbe | None" = None,
 ) -> ResponseSource:
-    """Response of a `response` map or file, or the stored one of `finger` (default: ``quick``).
+    """Response of a map or file, of a probe on a pad, or the stored one of a finger (``quick``).
 
     `units` are those of `ResponseMap.with_units`.
 
     Raises
     ------
     UsageError
-        Both arguments, or a unit that the map lacks.
+        Two of the arguments, a unit that the map lacks, or no such pad.
     ResponseError
         No response is stored for this finger, or a file that is not a response.
     """
     if units:
-        source = response_source(finger, response)
+        source = response_source(finger, response, (), pad)
         return replace(source, response=source.response.with_units(units), units=tuple(units))
+    if pad is not None:
+        for argument, value in (("finger", finger), ("response", response)):
+            if value is not None:
+                raise UsageError("cannot be combined with a pad", argument=argument)
+        from fembridge.touching.pad_probe import pad_probe
+
+        return ResponseSource(pad_probe(pad).response)
     if response is None:
         return stored_source(finger or "quick")
     if finger is not None:

@@ -3,8 +3,9 @@
 The *absolute* threshold of a cell is the smallest amplitude with a spike; the threshold of
 *one impulse per cycle* is the smallest amplitude with as many spikes as complete cycles after
 the first. Recorded thresholds are means over units, so the threshold of a class is that of
-its median cell. A vibration starts at phase 0 with full amplitude, as the paper's stimuli,
-from the pre-indentation of the parameters.
+its median cell; under a probe on ridged skin each position has the cells of the class. A
+vibration starts at phase 0 with full amplitude, as the paper's stimuli, from the
+pre-indentation of the parameters.
 """
 
 from __future__ import annotations
@@ -17,14 +18,14 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from fembridge.errors import ResultError, UsageError, warn
+from fembridge.errors import ResultError, UsageError
 from fembridge.evidence import CRITERIA, HIGHEST_HZ, LOWEST_HZ, THRESHOLDS, published, read_evidence
 from fembridge.host.store import check_output, filling, read_toml, write_toml
 from fembridge.io.number import parse_number
 from fembridge.io.text_table import read_table, write_table
 from fembridge.plots.shown import Shown
 from fembridge.response.response_map import ResponseLike, ResponseMap
-from fembridge.solver.mechanics import fit_mismatch
+from fembridge.solver.mechanics import check_mechanics
 from fembridge.stimulus import Stimulus
 from fembridge.trace import model_id
 from fembridge.typing import BoolArray, FloatArray, Table
@@ -40,11 +41,15 @@ if TYPE_CHECKING:
 
     from decks.finger import Finger
     from fembridge.plots.style import Panels
+    from fembridge.touching.pad import Pad
+    from fembridge.touching.pad_probe import PadProbe
 
 PathLike: TypeAlias = str | Path
 
 COLUMNS = ("afferent", "criterion", "frequency_hz", "amplitude_um")
 RANGE_COLUMNS = ("most_sensitive_um", "least_sensitive_um")
+FORCE_COLUMNS = ("force_mn", "force_amplitude_mn")
+"""Columns of a probe on a pad."""
 TABLE_FILE, PICTURE_FILE, RECORD_FILE = "thresholds.csv", "thresholds.png", "thresholds.toml"
 
 # Preferred numbers of ISO 266.
@@ -77,7 +82,9 @@ class Thresholds(Shown):
         least_sensitive_um``: zero-to-peak amplitudes in um of the median, the most sensitive and
         the least sensitive cell of a class; NaN where even the strongest vibration that the
         response reaches is too weak. ``criterion`` is ``absolute`` (the first impulse) or
-        ``one_impulse_a_cycle``.
+        ``one_impulse_a_cycle``. Under a probe on a pad also ``force_mn``, the largest force of the
+        vibration at the median threshold in mN, and ``force_amplitude_mn``, by how much that is
+        above the force of the pre-indentation.
     observed
         Observed thresholds with the first four columns, for the picture. Default: those of
         Freeman and Johnson (1982).
@@ -170,8 +177,9 @@ class Thresholds(Shown):
 
         folder = Path(folder)
         path = folder / RECORD_FILE
-        columns = (*COLUMNS, *RANGE_COLUMNS)
-        table = read_table(folder / TABLE_FILE, columns, ())
+        columns: tuple[str, ...] = (*COLUMNS, *RANGE_COLUMNS)
+        table = read_table(folder / TABLE_FILE, columns, FORCE_COLUMNS)
+        columns += tuple(name for name in FORCE_COLUMNS if name in table.header)
         values = {
             name: table.words(name)
             if name in COLUMNS[:2]
@@ -187,11 +195,12 @@ def threshold(
     afferents: str | Sequence[str] = ("SA", "RA", "PC"),
     frequencies_hz: str | float | Sequence[float] = "2:800",
     *,
-    parameters: PathLike | ParameterSet = "fitted",
+    parameters: PathLike | ParameterSet | None = None,
     preindent_um: float | None = None,
     finger: str | Finger | None = None,
     response: ResponseLike | None = None,
     unit: str | Sequence[str] = (),
+    pad: str | Path | Pad | PadProbe | None = None,
     thresholds: PathLike | pandas.DataFrame = THRESHOLDS,
     output: PathLike | None = None,
 ) -> Thresholds:
@@ -208,8 +217,8 @@ def threshold(
         Frequencies in Hz, 2 to 800: a number, a sequence, ``"10,50,200"``, or ``"5:800"`` for the
         third octaves of a range. Default: ``"2:800"``.
     parameters
-        Parameter set: ``fitted``, ``published``, a TOML file or a `ParameterSet`. Default:
-        ``fitted``.
+        Parameter set: ``fitted``, ``fitted_pad``, ``published``, a TOML file or a `ParameterSet`.
+        Default: None, ``fitted``, on a pad ``fitted_pad``.
     preindent_um
         Depth of the probe before time 0, in um. Default: None, the depth at which the
         parameter set was fitted; 0 of a deck of yours.
@@ -222,6 +231,9 @@ def threshold(
     unit
         Units of classes that have several in `response`, as ``["SA=12", "RA=40"]``, one of a
         class. Default: (), of each class the one with the largest stress.
+    pad
+        Pad whose default probe vibrates, as in `touch`, or a `PadProbe`: another probe, position
+        or skin. Instead of `finger`. Default: None.
     thresholds
         Observed thresholds for the picture: a DataFrame or the path of a table ``afferent,
         criterion, frequency_hz, amplitude_um``, or the name of a set of `fembridge.evidence`.
@@ -255,19 +267,17 @@ def threshold(
         afferents = [afferents]
     if isinstance(frequencies_hz, int | float):
         frequencies_hz = [frequencies_hz]
-    encoding_parameters = parameter_set(parameters)
+    source = response_source(finger, response, [unit] if isinstance(unit, str) else unit, pad)
+    encoding_parameters = parameter_set(source.parameters if parameters is None else parameters)
     available = encoding_parameters.parameters
     for name in afferents:
         if name not in available:
             raise UsageError(
                 argument="afferents", found=name, expected=f"one of {', '.join(available)}"
             )
-    source = response_source(finger, response, [unit] if isinstance(unit, str) else unit)
     default_um = 0.0 if source.response.is_of_deck else encoding_parameters.preindent_um
     depth_um = default_um if preindent_um is None else preindent_um
-    identity = model_id(source.response.origin)
-    if mismatch := fit_mismatch(encoding_parameters, identity, {depth_um}):
-        warn(mismatch)
+    check_mechanics(encoding_parameters, model_id(source.response.origin), {depth_um})
     observed = read_evidence(thresholds, THRESHOLDS).table
     if isinstance(frequencies_hz, str):
         frequencies_hz = parse_frequencies(frequencies_hz)
@@ -372,7 +382,8 @@ def class_thresholds(
     DataFrame
         ``afferent, criterion, frequency_hz, amplitude_um, most_sensitive_um,
         least_sensitive_um``: thresholds of the median, the most and the least sensitive
-        cell. NaN where even the strongest vibration that `response` reaches is too weak.
+        cell. NaN where even the strongest vibration that `response` reaches is too weak. Of a
+        probe on a pad also `FORCE_COLUMNS`.
 
     Raises
     ------
@@ -404,7 +415,14 @@ def class_thresholds(
                 )
             )
     frame = pandas.DataFrame(rows, columns=[*COLUMNS, *RANGE_COLUMNS])
-    return frame.replace(math.inf, math.nan)
+    frame = frame.replace(math.inf, math.nan)
+    if response.force_n.size:
+        amplitude_um = frame["amplitude_um"].to_numpy(np.float64)
+        force_mn = 1000.0 * response.force_at_n(preindent_um + amplitude_um)
+        at_rest_mn = 1000.0 * response.force_at_n(np.array(preindent_um))
+        values = force_mn, force_mn - at_rest_mn
+        frame = frame.assign(**dict(zip(FORCE_COLUMNS, values, strict=True)))
+    return frame
 
 
 def _ranked_thresholds(
@@ -421,7 +439,7 @@ def _ranked_thresholds(
     tried_um = np.geomspace(_MIN_AMPLITUDE_UM, most_um, _FIRST_PASS)
     fires = _fires(response, parameters, frequency_hz, preindent_um, tried_um)
     below_um, above_um = _bracket(tried_um, fires)
-    last_cell = parameters.cells - 1
+    last_cell = fires.shape[2] - 1
     ranks = [0, last_cell // 2, (last_cell + 1) // 2, last_cell]
     shares = np.arange(1, _NEXT_PASSES + 1) / (_NEXT_PASSES + 1)
     for _ in range(_PASSES):
@@ -465,7 +483,7 @@ def _fires(
     preindent_um: float,
     amplitudes_um: FloatArray,
 ) -> BoolArray:
-    """Whether each criterion is met, ``(amplitude, criterion, cell)``."""
+    """Whether each criterion is met, ``(amplitude, criterion, cell x position)``."""
     dt_ms = step_ms(frequency_hz, parameters)
     unit_wave = vibration(frequency_hz, 1.0, 0.0, dt_ms)
     waves_um = preindent_um + np.multiply.outer(unit_wave.displacement_um, amplitudes_um)
@@ -475,17 +493,19 @@ def _fires(
         window_ms=(0.0, dt_ms),
         preindent_um=preindent_um,
     )
-    stress_pa = response.stress_pa(parameters, [joined]).reshape(waves_um.shape)
+    stress_pa = response.stress_pa(parameters, [joined]).reshape(len(waves_um), -1)
     spikes = encode_cells(stress_pa, dt_ms, replace(parameters, dt_ms=dt_ms))
+    positions = stress_pa.shape[1] // amplitudes_um.size
     cycle_ms = 1000.0 / frequency_hz
     cycles = math.floor(unit_wave.window_ms[1] / cycle_ms + 1e-9) - 1
     ends_ms = np.array([cycle_ms, (cycles + 1) * cycle_ms]) + 1e-6
-    fires = np.empty((amplitudes_um.size, 2, parameters.cells), np.bool_)
+    fires = np.empty((len(spikes), 2, parameters.cells), np.bool_)
     for row, cells in enumerate(spikes):
         for cell, times_ms in enumerate(cells):
             before, until = times_ms.searchsorted(ends_ms, side="right")
             fires[row, :, cell] = times_ms.size > 0, until - before >= cycles
-    return fires
+    by_position = fires.reshape(amplitudes_um.size, positions, 2, parameters.cells)
+    return np.moveaxis(by_position, 1, 2).reshape(amplitudes_um.size, 2, -1)
 
 
 def compare_with_evidence(

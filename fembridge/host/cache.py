@@ -34,6 +34,7 @@ from fembridge.host.store import (
     write_sealed,
     write_text,
 )
+from fembridge.host.system import FOLDER_ONLY, NO_LINK, NO_WAIT
 from fembridge.typing import Table
 
 VARIABLE = "FEMBRIDGE_CACHE"
@@ -300,7 +301,7 @@ def _is_draft_or_system_file(name: str) -> bool:
 @contextmanager
 def _opened(folder: Path, *, follow: bool = False) -> Iterator[int]:
     """Handle of `folder`, for names in it; `_DamagedError` where it is none, or a link."""
-    flags = os.O_RDONLY | os.O_DIRECTORY | (0 if follow else os.O_NOFOLLOW)
+    flags = os.O_RDONLY | FOLDER_ONLY | (0 if follow else NO_LINK)
     try:
         handle = os.open(folder, flags)
     except OSError as error:
@@ -314,7 +315,7 @@ def _opened(folder: Path, *, follow: bool = False) -> Iterator[int]:
 def _open_file(folder: int, name: str) -> int:
     """Handle of the regular file `name` of an open folder; a link, pipe or device is damage."""
     try:
-        handle = os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=folder)
+        handle = os.open(name, os.O_RDONLY | NO_LINK | NO_WAIT, dir_fd=folder)
     except OSError as error:
         raise _DamagedError from error
     if not stat.S_ISREG(os.fstat(handle).st_mode):

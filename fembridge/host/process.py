@@ -30,6 +30,8 @@ THREAD_OVERRIDES = (
     "NUMBER_OF_CPUS",
 )
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
+HAS_GROUPS = hasattr(os, "killpg") and hasattr(os, "waitid")
+"""Whether a process can lead a group that ends with it: on Linux and macOS, not on Windows."""
 CANNOT_RUN = 127  # exit code of shells for a command that cannot be run
 
 
@@ -49,7 +51,7 @@ def start(
     import subprocess
 
     command = [str(program), *arguments]
-    if sys.executable:  # absent where Python is inside another program
+    if sys.executable and HAS_GROUPS:  # absent where Python is inside another program
         command = [sys.executable, "-I", "-S", __file__, str(os.getpid()), *command]
     environment = dict(os.environ)
     if threads is not None:
@@ -71,11 +73,21 @@ def stop(process: "Popen[bytes]", grace_s: float = GRACE_S) -> None:
     """End `process` and its children: SIGTERM first, SIGKILL after `grace_s` seconds.
 
     A second Ctrl-C during this time kills at once. The process is not reaped before the
-    last signal is sent, so no other process can have its number.
+    last signal is sent, so no other process can have its number. A system without process groups
+    (Windows) ends `process` alone.
     """
+    import subprocess
     import time
 
     if process.returncode is not None:
+        return
+    if not HAS_GROUPS:
+        process.terminate()
+        try:
+            process.wait(grace_s)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
         return
     still_running = os.WEXITED | os.WNOHANG | os.WNOWAIT
     try:
@@ -106,7 +118,9 @@ def signals_as_exits() -> "Iterator[None]":
 
     replaced = []
     if threading.current_thread() is threading.main_thread():
-        numbers = (signal.SIGTERM, signal.SIGHUP)
+        from fembridge.host.system import signal_numbers
+
+        numbers = signal_numbers("SIGTERM", "SIGHUP")
         replaced = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]
     for number in replaced:
         signal.signal(number, _exit_by_signal)

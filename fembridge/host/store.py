@@ -10,7 +10,6 @@ that nobody holds was left by a kill, and is removed by the next who writes ther
 import codecs
 import difflib
 import errno
-import fcntl
 import filecmp
 import hashlib
 import json
@@ -34,6 +33,7 @@ from fembridge.errors import (
     ResponseError,
     warn,
 )
+from fembridge.host.system import NO_LINK, NO_WAIT, close_folder, lock_folder, open_folder
 from fembridge.typing import Table
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def working_folder(folder: Path, path: Path | None = None) -> Iterator[Path]:
             yield draft
         finally:
             shutil.rmtree(draft, ignore_errors=True)
-            os.close(handle)
+            close_folder(handle)
     finally:
         with suppress(OSError):  # files are in it
             for parent in absent:
@@ -172,35 +172,35 @@ def check_output(folder: Path, *names: str) -> None:
             _check_replaceable(folder / name, folder / name)
 
 
-def _made_and_locked(folder: Path) -> tuple[Path, int]:
+def _made_and_locked(folder: Path) -> tuple[Path, int | None]:
     attempts = _MOST_ATTEMPTS
     while True:
         attempts -= 1
         try:
             draft = Path(tempfile.mkdtemp(prefix=DRAFT_PREFIX, dir=folder))
-            handle = os.open(draft, os.O_RDONLY)
+            handle = open_folder(draft)
         except FileNotFoundError:  # another removed the draft, not locked yet, or its empty folder
             if not attempts:
                 raise
             folder.mkdir(parents=True, exist_ok=True)
             continue
         with suppress(OSError):  # a file system without locks: it stays, if we are killed
-            fcntl.flock(handle, fcntl.LOCK_EX)
+            lock_folder(handle)
         if draft.exists():
             return draft, handle
-        os.close(handle)
+        close_folder(handle)
 
 
 def remove_abandoned_drafts(folder: Path) -> None:
     """Remove the drafts in `folder` whose process has ended."""
     for draft in folder.glob(f"{DRAFT_PREFIX}*"):
         with suppress(OSError):  # in use, or of another user
-            handle = os.open(draft, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+            handle = open_folder(draft, NO_LINK | NO_WAIT)
             try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                lock_folder(handle, wait=False)
                 shutil.rmtree(draft, ignore_errors=True)
             finally:
-                os.close(handle)
+                close_folder(handle)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -270,13 +270,12 @@ def locked_folder(folder: Path) -> Iterator[None]:
     """Wait until other processes have moved their files there; without file locks, never."""
     handle = None
     with suppress(OSError):  # some network file systems lock no folder
-        handle = os.open(folder, os.O_RDONLY)
-        fcntl.flock(handle, fcntl.LOCK_EX)
+        handle = open_folder(folder)
+        lock_folder(handle)
     try:
         yield
     finally:
-        if handle is not None:
-            os.close(handle)
+        close_folder(handle)
 
 
 @contextmanager
@@ -333,7 +332,7 @@ def _remove_lock_file(path: Path) -> None:
 
 def _write_number(path: Path) -> None:
     """Write the number of this process into a lock file, not into a link."""
-    with open(os.open(path, os.O_WRONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "w") as file:  # noqa: PTH123 - of a handle
+    with open(os.open(path, os.O_WRONLY | NO_LINK | NO_WAIT), "w") as file:  # noqa: PTH123 - of a handle
         status = os.fstat(file.fileno())
         if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1:
             raise OSError(errno.EMLINK, "is a link, expected a lock file")

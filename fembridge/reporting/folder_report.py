@@ -260,6 +260,7 @@ def _run_results(
 ) -> Iterator[Section]:
     """Cost, stress and spikes of a run that is solved."""
     from fembridge.solver.ccx import finished_outcome
+    from fembridge.solver.mechanics import check_mechanics
 
     if not run.results.is_file():
         checks.append(Check("results", None, f"no {run.results.name}: the run is not solved yet"))
@@ -293,6 +294,9 @@ def _run_results(
     yield from _stress_sections(list(traces), stimuli[0] if stimuli else None)
     if encoding is None:
         return
+    if traces.origin is not None:  # `encode` warned, which the checks have
+        origin = traces.origin
+        check_mechanics(encoding.parameters, origin.finger, {origin.preindent_um})
     spikes = partial(encoding.plot, "raster")
     yield Section(
         "Spikes",
@@ -420,17 +424,28 @@ def _simulation_checks(result: Simulation) -> Iterator[Check]:
 
 
 def _fit_checks(result: Simulation) -> Iterator[Check]:
-    """Whether a known parameter set was fitted on these mechanics."""
-    from fembridge.solver.mechanics import fit_mismatch
-    from fembridge.trace import finger_id
-    from neural.parameter_sets import SET_NAMES, parameter_set
+    """Whether the parameter set was fitted on these mechanics."""
+    from fembridge.trace import model_id
 
-    name, finger = result.origin.get("parameter_set"), result.origin.get("response")
-    table = _mapping(finger).get("finger")
-    if name not in SET_NAMES or not isinstance(table, Mapping):
-        return
+    mechanics = model_id(_mapping(result.origin.get("response")))
     depths_um = {stimulus.preindent_um for stimulus in result.stimuli}
-    mismatch = fit_mismatch(parameter_set(str(name)), finger_id(dict(table)), depths_um)
+    yield from _mechanics_checks(result.origin, mechanics, depths_um)
+
+
+def _mechanics_checks(
+    record: Mapping[str, Any], mechanics: Mapping[str, str], depths_um: set[float] | None
+) -> Iterator[Check]:
+    """Whether the parameter set of a record was fitted on `mechanics`; a difference is a warning.
+
+    None of `depths_um`: the shape began above the skin.
+    """
+    from fembridge.solver.mechanics import check_mechanics
+    from neural.parameter_sets import ParameterSet
+
+    selected = ParameterSet.from_record(dict(record), "the record")
+    if selected is None or not mechanics:
+        return
+    mismatch = check_mechanics(selected, mechanics, depths_um)
     yield Check("parameters", None if mismatch else True, mismatch or "fitted on these mechanics")
 
 
@@ -484,6 +499,9 @@ def _of_touch(folder: Path) -> Report:
     doubts = [str(text) for text in origin.get("warnings", ())]
     checks = [Check("contact", None, text) for text in doubts]
     checks = checks or [Check("contact", True, "no warning")]
+    start_um = touch.trajectory.preindent_um
+    depths_um = None if start_um is None else {start_um}
+    checks += _mechanics_checks(origin, pad.mechanics, depths_um)
     deepest, hardest = float(touch.depth_um.max()), float(touch.force_n.max())
     facts: dict[str, object] = {
         "pad": _mapping(origin.get("pad")).get("source") or "in memory",

@@ -41,6 +41,8 @@ from neural.timing import vector_strength
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+    from fembridge.touching.pad import Pad
+
 # Largest differences at which the timing of a model counts as that of a recorded unit: of
 # vector strengths, and of impulses per cycle as a share.
 STRENGTH_TOLERANCE, IMPULSES_TOLERANCE = 0.25, 0.30
@@ -70,15 +72,16 @@ class ModelOnResponse(NamedTuple):
     def spikes_ms(self, afferent: str, stimulus: Stimulus, cells: int = 0) -> list[FloatArray]:
         """Spike times of each cell of a class; `cells` resizes its population, 0 keeps the size.
 
-        A model with one cell is never resized.
+        A model with one cell is never resized. The most sensitive cells come first, each at all
+        positions of the probe.
         """
         parameters = self.model.parameters[afferent]
         if cells and parameters.cells > 1:
             parameters = replace(parameters, cells=cells)
         fine = at_step(stimulus, parameters.dt_ms)
-        stress_pa = self.response.stress_pa(parameters, [fine])
-        [cells_ms] = encode_cells(stress_pa, fine.dt_ms, parameters)
-        return cells_ms
+        stress_pa = self.response.stress_pa(parameters, [fine])[:, 0]
+        by_position = encode_cells(stress_pa, fine.dt_ms, parameters)
+        return [times_ms for cells_ms in zip(*by_position, strict=True) for times_ms in cells_ms]
 
     def vibration_spikes_ms(
         self, row: Mapping[Any, Any], cells: int = 0
@@ -110,7 +113,7 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """Recorded afferents compared with the judged model and the whole `fingertip`.
+    """Recorded afferents compared with the judged model and the whole `fingertip`, if it is other.
 
     `phases` are shares of the spikes per phase bin, `human` impulses per cycle of human units,
     `distance` RA's amplitudes at distances from a probe, `ramp` spikes under `ramp_stimulus`.
@@ -119,7 +122,7 @@ class Evidence:
     """
 
     judged: Comparison
-    fingertip: Comparison
+    fingertip: Comparison | None
     phases: "DataFrame"
     human: "DataFrame"
     distance: "DataFrame"
@@ -131,11 +134,14 @@ class Evidence:
 
 def gather(
     judged: ModelOnResponse,
-    fingertip: ModelOnResponse,
+    fingertip: ModelOnResponse | None,
     overrides: Mapping[str, Facts] | None = None,
     trains: Sequence[SpikeTrain] = (),
+    skin: "Pad | None" = None,
 ) -> Evidence:
-    """Recorded afferents, and both models under the same stimuli.
+    """Recorded afferents, and both models under the same stimuli; None: `judged` is on a pad.
+
+    `skin` is the pad for the distance from a probe, by default the reference pad.
 
     `overrides` replace published tables of the same names; recorded `trains` replace the
     published timing and phases.
@@ -154,10 +160,10 @@ def gather(
     recorded_thresholds = facts[THRESHOLDS].table
     return Evidence(
         judged=_comparison(judged, recorded, recorded_thresholds),
-        fingertip=_comparison(fingertip, recorded, recorded_thresholds),
+        fingertip=fingertip and _comparison(fingertip, recorded, recorded_thresholds),
         phases=_phases(phases, judged),
         human=_human(facts[HUMAN].table, judged),
-        distance=_distance(facts[DISTANCE].table, fingertip.model.parameters),
+        distance=_distance(facts[DISTANCE].table, (fingertip or judged).model.parameters, skin),
         ramp=tuple(
             SpikeTrain(ramp.id, name, times_ms, cell)
             for name in AFFERENTS
@@ -312,7 +318,7 @@ def _human(table: "DataFrame", model_on_response: ModelOnResponse) -> "DataFrame
     return table.assign(model=_with_model(table, model_on_response)["model_impulses_per_cycle"])
 
 
-def _distance(table: "DataFrame", parameters: Parameters) -> "DataFrame":
+def _distance(table: "DataFrame", parameters: Parameters, skin: "Pad | None" = None) -> "DataFrame":
     """Amplitude for one impulse per cycle at a distance from a pin on the whole fingertip.
 
     `model_um` is that of RA's median cell, `most_sensitive_um` that of its most sensitive cell; NaN
@@ -327,14 +333,15 @@ def _distance(table: "DataFrame", parameters: Parameters) -> "DataFrame":
     from fembridge.touching.trajectory import Trajectory
     from neural.parameter_sets import ParameterSet
 
+    pad, pin = skin or resolve_pad("reference"), Shape.punch(_PIN_MM)
     # A line of median cells and a line of most sensitive cells.
-    units = Population.line(step_mm=0.25, half_length_mm=8.0, afferents=("RA", "RA"))
+    half_length_mm = min(8.0, pad.half_length_mm)
+    units = Population.line(0.25, half_length_mm, afferents=("RA", "RA"), finger=pad)
     most_sensitive = norm.ppf(0.5 / parameters["RA"].cells)
     units = replace(units, deviate=np.repeat([0.0, most_sensitive], len(units) // 2))
     window_ms = (2000.0 / _PIN_HZ, 10_000.0 / _PIN_HZ)
     times_ms = np.arange(round(window_ms[1] / DT_MS) + 1) * DT_MS
     wave = np.sin(2e-3 * np.pi * _PIN_HZ * times_ms)
-    pad, pin = resolve_pad("reference"), Shape.punch(_PIN_MM)
     trajectories = [
         Trajectory(
             _PIN_DEPTH_UM + amplitude_um * wave, dt_ms=DT_MS, window_ms=window_ms, name="sine"
@@ -350,7 +357,7 @@ def _distance(table: "DataFrame", parameters: Parameters) -> "DataFrame":
     reached = [touch.rate_ips >= 0.99 * _PIN_HZ for touch in touches]
     threshold_um = np.where(np.any(reached, axis=0), _PIN_UM[np.argmax(reached, axis=0)], np.nan)
     median_um, most_sensitive_um = (
-        np.interp(table["distance_mm"], z_mm, line_um)
+        np.interp(table["distance_mm"], z_mm, line_um, right=np.nan)
         for z_mm, line_um in zip(np.split(units.z_mm, 2), np.split(threshold_um, 2), strict=True)
     )
     return table.assign(model_um=median_um, most_sensitive_um=most_sensitive_um)

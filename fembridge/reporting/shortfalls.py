@@ -70,12 +70,14 @@ def shortfalls(validation: ValidationData) -> tuple[Shortfall, ...]:
 
 
 def fingertip_shortfalls(validation: ValidationData) -> tuple[Shortfall, ...]:
-    """Shortfalls of the parameters of the whole fingertip."""
-    evidence = validation.evidence
+    """Shortfalls of the parameters of the whole fingertip; none where the model is on a pad."""
+    evidence, fingertip = validation.evidence, validation.evidence.fingertip
+    if fingertip is None:
+        return ()
     return _sorted_by_class(
         *_all_rate_shortfalls(validation, FINGERTIP),
-        *_timing_shortfalls(evidence.fingertip.timing),
-        *_tuning_shortfalls(evidence.fingertip.tuning),
+        *_timing_shortfalls(fingertip.timing),
+        *_tuning_shortfalls(fingertip.tuning),
         *_distance_shortfalls(evidence.distance),
     )
 

@@ -8,6 +8,12 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from fembridge.errors import ResultError, UsageError
 from fembridge.evidence import DISTANCE, HUMAN, THRESHOLDS, read_evidence
+from fembridge.evidence.recorded_folder import (
+    COLUMNS,
+    joined_rates,
+    read_recorded_folder,
+    read_recorded_table,
+)
 from fembridge.host.store import check_output, filling, read_toml, sha256_of, write_text, write_toml
 from fembridge.io.observed_rates import read_observed
 from fembridge.io.spike_table import read_spikes
@@ -22,6 +28,8 @@ if TYPE_CHECKING:
     from fembridge.plots.style import Panels
     from fembridge.reporting.validation_data import ValidationData
     from fembridge.response.response_map import ResponseLike
+    from fembridge.touching.pad import Pad
+    from fembridge.touching.pad_probe import PadProbe
     from neural import ParameterSet
 
 PathLike: TypeAlias = str | Path
@@ -39,7 +47,7 @@ class Validation(Shown):
     ----------
     tables
         The numbers of the page by name, such as ``rates``, ``agreement``, ``thresholds``,
-        ``locking``, ``tuning`` and ``timing``.
+        ``locking``, ``tuning``, ``timing`` and ``recorded_sets``.
     provenance
         Versions, response, parameter sets and observed rates with checksums.
     data
@@ -186,9 +194,11 @@ def validate(
     *,
     finger: str | Finger = "quick",
     response: ResponseLike | None = None,
+    pad: str | Path | Pad | PadProbe | None = None,
     observed: PathLike | DataFrame | None = None,
-    parameters: PathLike | ParameterSet = "fitted",
+    parameters: PathLike | ParameterSet | None = None,
     evidence: Mapping[str, PathLike | DataFrame] | None = None,
+    recorded: PathLike | None = None,
 ) -> Validation:
     """Comparison of a model with the paper's figures and tables and with recorded afferents.
 
@@ -202,18 +212,26 @@ def validate(
     response
         Response map, or its file or folder as `fembridge.simulate` writes it, instead of
         that of `finger`. Default: None.
+    pad
+        Pad whose default probe gives the stress, as in `touch`, or a `PadProbe`: another probe,
+        position or skin. Instead of `finger`. Default: None.
     observed
         Observed rates in impulses/s of any of the paper's 82 stimuli: a DataFrame or the path
         of a table ``stimulus, afferent, rate_ips``. Default: None, TouchSim is the reference.
     parameters
-        Parameter set to judge: ``fitted``, ``published``, a TOML file or a `ParameterSet`.
-        Default: ``fitted``.
+        Parameter set to judge: ``fitted``, ``fitted_pad``, ``published``, a TOML file or a
+        `ParameterSet`. Default: None, ``fitted``, on a pad ``fitted_pad``.
     evidence
         Tables (DataFrames or paths) instead of published ones, by name: ``thresholds``
         (``afferent, criterion, frequency_hz, amplitude_um``), ``impulses`` (``afferent,
         frequency_hz, amplitude_um, impulses_per_cycle``), ``distance`` (``distance_mm,
         amplitude_um``), ``spikes`` (recorded spikes under sinusoids, ``stimulus, afferent,
-        trial, spike_time_ms``). In files, lines with # are the source. Default: None.
+        trial, spike_time_ms``). In files, lines with # are the source. In addition, recorded
+        responses to touches: ``ramps_sa``, ``ramps_ra``, ``textures``, ``bars`` and ``fields``,
+        with the columns of `fembridge.evidence.recorded_folder`. Default: None.
+    recorded
+        Folder with tables of recorded responses, recognised by their columns: rates in addition to
+        `observed`, and responses to touches in addition to `evidence`. Default: None.
 
     Returns
     -------
@@ -238,25 +256,38 @@ def validate(
     """
     from fembridge.reporting import validation_data
     from fembridge.reporting.validation_page import PAGE, csv_tables, input_record
+    from fembridge.touching.pad_probe import pad_probe
 
     tables = dict(evidence or {})
     spikes = tables.pop("spikes", None)
     for name in tables:
-        if name not in EVIDENCE_SETS:
-            expected = f"one of {', '.join((*EVIDENCE_SETS, 'spikes'))}"
+        if name not in EVIDENCE_SETS and name not in COLUMNS:
+            expected = f"one of {', '.join((*EVIDENCE_SETS, 'spikes', *COLUMNS))}"
             raise UsageError(argument="evidence", found=name, expected=expected)
     facts = {
         EVIDENCE_SETS[name]: read_evidence(table, EVIDENCE_SETS[name])
         for name, table in tables.items()
+        if name in EVIDENCE_SETS
+    }
+    folder_rates, touches = ([], {}) if recorded is None else read_recorded_folder(recorded)
+    touches |= {
+        name: read_recorded_table(_path_or_frame(table), name)
+        for name, table in tables.items()
+        if name in COLUMNS
     }
     trains = () if spikes is None else read_spikes(_path_or_frame(spikes))
-    rates = None if observed is None else read_observed(_path_or_frame(observed), complete=False)
+    if observed is not None:
+        folder_rates.insert(0, read_observed(_path_or_frame(observed), complete=False))
+    rates = joined_rates(folder_rates)
+    if parameters is None:
+        parameters = "fitted" if pad is None else validation_data.FINGERTIP_SET
     models = validation_data.judged_models(parameters)
     if output is not None:
         check_output(Path(output), PAGE)
-    data = validation_data.compute_validation(
-        validation_data.response_of(finger, response, models), models, rates, facts, trains
-    )
+    probe = None if pad is None else pad_probe(pad)
+    solved = validation_data.response_of(finger, response, models, probe)
+    skin = None if probe is None else probe.skin()
+    data = validation_data.compute_validation(solved, models, rates, facts, trains, skin, touches)
     result = Validation(csv_tables(data), input_record(data), data)
     if output is not None:
         result.write(output)

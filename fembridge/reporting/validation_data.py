@@ -7,8 +7,10 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from decks.presets import model_of, read_finger
-from decks.stimuli import CATALOGUE
+from decks.stimuli import CATALOGUE, Entry
 from decks.synthesis import make_stimulus
 from fembridge.errors import MissingError, UsageError, warn
 from fembridge.evidence import Facts, touchsim_rates
@@ -17,6 +19,7 @@ from fembridge.host.machine import SOLVER_INSTALL_LINE, find_ccx
 from fembridge.host.store import sha256_of, temporary_folder
 from fembridge.io.observed_rates import ObservedRates
 from fembridge.io.spike_table import Rate, SpikeTrain
+from fembridge.reporting.fingertip_responses import Fingertip
 from fembridge.reporting.rate_tables import (
     FINGERTIP,
     OBSERVED,
@@ -29,12 +32,20 @@ from fembridge.reporting.rate_tables import (
     threshold_table,
 )
 from fembridge.reporting.recorded import Evidence, ModelOnResponse, gather
+from fembridge.reporting.recorded_sets import (
+    JUDGED,
+    further_stimuli,
+    recorded_points,
+    recorded_rows,
+)
 from fembridge.response.deflection import Deflection, convergence, stored_deflections
 from fembridge.response.indentation import solve_response
 from fembridge.response.response_map import ResponseLike, ResponseMap, load_response
 from fembridge.simulation.simulation import Simulation, encode_all
-from fembridge.solver.mechanics import fit_mismatch
-from fembridge.trace import AFFERENTS, finger_id
+from fembridge.solver.mechanics import SMOOTH, check_mechanics, fit_mismatch
+from fembridge.stimulus import Stimulus
+from fembridge.touching.pad_probe import PadProbe, pad_probe
+from fembridge.trace import AFFERENTS, model_id
 from neural import ParameterSet
 from neural.parameter_sets import DEFAULT_SET, SET_NAMES, parameter_set
 from neural.parameters import finest_step_ms
@@ -43,6 +54,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from decks.finger import Finger
+    from fembridge.touching.pad import Pad
 _LOGGER = logging.getLogger(__name__)
 
 ELEMENT = "CPE4"
@@ -71,8 +83,7 @@ class JudgedModel(ParameterSet):
 
     def fit_mismatch(self, response: ResponseMap) -> str:
         """Difference between `response` and the conditions of the fit; "" for none."""
-        table = _subtable(response.origin, "finger")
-        return fit_mismatch(self, finger_id(table) if table else {}, {self.preindent_um})
+        return fit_mismatch(self, model_id(response.origin), {self.preindent_um})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,10 +91,12 @@ class ValidationData:
     """Inputs and results of a validation.
 
     `models` and `simulations` have the same order: the judged model first; last `FINGERTIP`,
-    the parameters of the whole fingertip, simulated on the stored pad. `observed` is None
-    without observed rates; `left_out` are stimuli of the observed table outside the paper's 82.
+    the parameters of the whole fingertip, simulated on the stored pad, unless the judged model is
+    on a pad itself. `observed` is None without observed rates; `left_out` are stimuli of the
+    observed table outside the paper's 82, which are only among the recorded sets.
     `agreement`, `held_out`, `thresholds` and `locking` are tables of
-    `fembridge.reporting.rate_tables`; `evidence` compares the judged model with recorded afferents.
+    `fembridge.reporting.rate_tables`; `evidence` compares the judged model with recorded afferents;
+    `points` and `recorded_sets` are tables of `fembridge.reporting.recorded_sets`.
     """
 
     response: ResponseMap
@@ -99,6 +112,8 @@ class ValidationData:
     deflections: tuple[Deflection, ...]
     convergence: Sequence[Mapping[str, Any]]
     evidence: Evidence
+    points: "DataFrame"
+    recorded_sets: "DataFrame"
 
     @property
     def judged(self) -> JudgedModel:
@@ -110,6 +125,23 @@ class ValidationData:
         """Name of the finger of the response."""
         return str(_subtable(self.response.origin, "finger").get("name", "own"))
 
+    @property
+    def on_pad(self) -> bool:
+        """Whether the response is that of a probe on a pad."""
+        return FINGERTIP not in self.simulations
+
+    @property
+    def skin(self) -> str:
+        """The finger of the response, or the probe on a pad, as the subject of a sentence."""
+        if not self.on_pad:
+            return f"Finger “{self.finger}”"
+        mechanics = self.response.origin["mechanics"]
+        ridges = mechanics.get("ridges", SMOOTH)
+        skin = "smooth skin" if ridges == SMOOTH else f"ridges {ridges}"
+        positions = len(self.response.origin["positions_mm"])
+        means = f", mean of {positions} positions across a ridge" if positions > 1 else ""
+        return f"Pad “{mechanics['pad']}” of “{self.finger}”, {skin}, {mechanics['probe']}{means}"
+
 
 def compute_validation(
     response: ResponseMap,
@@ -117,6 +149,8 @@ def compute_validation(
     observed: ObservedRates | None = None,
     facts: Mapping[str, Facts] | None = None,
     trains: Sequence[SpikeTrain] = (),
+    skin: "Pad | None" = None,
+    tables: "Mapping[str, DataFrame] | None" = None,
 ) -> ValidationData:
     """Results of `models` under the paper's 82 stimuli, on the response of a finger.
 
@@ -132,6 +166,11 @@ def compute_validation(
         Evidence tables by name, instead of the published ones. Default: none.
     trains
         Recorded spikes, instead of the published timing and phases. Default: none.
+    skin
+        Pad of the response, for touches. Default: None, the reference pad.
+    tables
+        Recorded responses to touches by name, see `fembridge.evidence.recorded_folder`.
+        Default: none.
 
     Raises
     ------
@@ -140,26 +179,36 @@ def compute_validation(
     ResponseError
         A stimulus goes deeper than the response.
     """
-    from fembridge.touching.pad_file import resolve_pad
-    from fembridge.touching.stress import pad_response
-
     left_out = _left_out(observed)
-    pad, fitted = pad_response(resolve_pad("reference")), _model(FINGERTIP_SET)
-    source = f"{FINGERTIP_SET}, under a flat 1 mm pin on the stored pad: {fitted.source}"
-    fingertip = replace(fitted, name=FINGERTIP, source=source)
+    judged = models[0]
+    check_mechanics(judged, model_id(response.origin), {judged.preindent_um})
     simulations = {model.name: _simulated(model, response) for model in models}
-    simulations[FINGERTIP] = _simulated(fingertip, pad)
+    fingertip = None
+    if "mechanics" not in response.origin:
+        pad, fitted = PadProbe().response, _model(FINGERTIP_SET)
+        source = f"{FINGERTIP_SET}, under a flat 1 mm pin on the stored pad: {fitted.source}"
+        whole = replace(fitted, name=FINGERTIP, source=source)
+        fingertip = ModelOnResponse(pad, whole)
+        simulations[FINGERTIP] = _simulated(whole, pad)
+        models = (*models, whole)
     sources: dict[str, Sequence[Rate]] = {OBSERVED: observed.rates()} if observed else {}
     sources |= {name: simulation.mean_rates for name, simulation in simulations.items()}
     sources[TOUCHSIM] = touchsim_rates()
     rates = RateTable(sources)
     deflections = stored_deflections()
-    judged = models[0]
-    if mismatch := judged.fit_mismatch(response):
-        warn(mismatch)
+    evidence = gather(ModelOnResponse(response, judged), fingertip, facts, trains, skin)
+    points = _points(
+        observed,
+        simulations,
+        ModelOnResponse(response, judged),
+        fingertip,
+        evidence,
+        tables or {},
+        skin,
+    )
     return ValidationData(
         response=response,
-        models=(*models, fingertip),
+        models=tuple(models),
         simulations=simulations,
         observed=observed,
         left_out=left_out,
@@ -172,9 +221,9 @@ def compute_validation(
         ),
         deflections=deflections,
         convergence=convergence(deflections),
-        evidence=gather(
-            ModelOnResponse(response, judged), ModelOnResponse(pad, fingertip), facts, trains
-        ),
+        evidence=evidence,
+        points=points,
+        recorded_sets=recorded_rows(points, judged.name),
     )
 
 
@@ -182,8 +231,9 @@ def response_of(
     finger: "str | Finger",
     response: "ResponseLike | None",
     models: Sequence[JudgedModel],
+    pad: "str | Path | Pad | PadProbe | None" = None,
 ) -> ResponseMap:
-    """Response map: read from `response`, stored for a preset, or solved for a finger file.
+    """Response map: of a probe on a pad, read, stored for a preset, or solved for a finger file.
 
     Parameters
     ----------
@@ -193,12 +243,18 @@ def response_of(
         Response map, or its folder or file; None for that of `finger`.
     models
         Their deepest pre-indentation sets the depth to solve.
+    pad
+        Pad, or a probe on a pad, instead of both. Default: None.
 
     Raises
     ------
     MissingError
         A finger file, and CalculiX is not installed.
     """
+    if pad is not None:
+        if response is not None:
+            raise UsageError("cannot be combined with a pad", argument="response")
+        return pad_probe(pad).response
     if response is not None:
         return load_response(response)
     deepest_um = max(model.preindent_um for model in models) + _STROKE_UM
@@ -217,11 +273,77 @@ def response_of(
     return solved
 
 
-def _simulated(model: JudgedModel, response: ResponseMap) -> Simulation:
+def _points(
+    observed: ObservedRates | None,
+    simulations: Mapping[str, Simulation],
+    judged: ModelOnResponse,
+    fingertip: ModelOnResponse | None,
+    evidence: Evidence,
+    tables: "Mapping[str, DataFrame]",
+    skin: "Pad | None",
+) -> "DataFrame":
+    """Every recorded number with that of each source; touches are those of the model on a pad."""
+    from fembridge.touching.pad_file import resolve_pad
+    from fembridge.touching.ridged_pad import RidgedPad, with_ridges
+
+    observed_rates = observed.rates() if observed else []
+    further = further_stimuli(observed_rates)
+    models = {JUDGED: judged} | ({FINGERTIP: fingertip} if fingertip else {})
+    rates = {
+        name: [
+            *simulations[on_response.model.name].mean_rates,
+            *_further_rates(on_response.model, on_response.response, further),
+        ]
+        for name, on_response in models.items()
+    }
+    touched = (fingertip or judged).model
+    pad = skin or resolve_pad("reference")
+    smooth = pad.smooth_pad if isinstance(pad, RidgedPad) else pad
+    textured = skin or with_ridges(pad, None)
+    tips = (Fingertip(smooth, touched), Fingertip(textured, touched))
+    on = FINGERTIP if fingertip else JUDGED
+    return recorded_points(observed_rates, rates, evidence, tables, *tips, touches_of=on)
+
+
+def _further_rates(
+    model: ParameterSet, response: ResponseMap, entries: Sequence[Entry]
+) -> list[Rate]:
+    """Rates under vibrations outside the catalogue, up to the depth of the response."""
+    deepest_um = response.deepest_um
+    dt_ms = finest_step_ms(model.parameters)
+    stimuli = [make_stimulus(entry, model.preindent_um, dt_ms=dt_ms) for entry in entries]
+    reached = [wave for wave in stimuli if wave.displacement_um.max() <= deepest_um]
+    if len(reached) < len(stimuli):
+        omitted = [wave.id for wave in stimuli if wave not in reached]
+        warn(f"deeper than the response of {deepest_um:g} um, left out: {', '.join(omitted)}")
+    return list(_encoded(model, response, reached).mean_rates) if reached else []
+
+
+def _simulated(model: ParameterSet, response: ResponseMap) -> Simulation:
+    """Spikes and rates under all stimuli, one unit of a class with the cells at all positions."""
     dt_ms = finest_step_ms(model.parameters)
     stimuli = [make_stimulus(entry, model.preindent_um, dt_ms=dt_ms) for entry in CATALOGUE]
+    return _encoded(model, response, stimuli)
+
+
+def _encoded(model: ParameterSet, response: ResponseMap, stimuli: Sequence[Stimulus]) -> Simulation:
     traces = [response.traces(stimulus, model.parameters) for stimulus in stimuli]
-    return encode_all(stimuli, traces, model.parameters, {})
+    simulation = encode_all(stimuli, traces, model.parameters, {})
+    return _pooled(simulation) if response.is_mean else simulation
+
+
+def _pooled(simulation: Simulation) -> Simulation:
+    """The units of a class as one: mean rates, and the cells of all, the most sensitive first."""
+    rates: dict[tuple[str, str], list[float]] = {}
+    for rate in simulation.mean_rates:
+        rates.setdefault((rate.stimulus, rate.afferent), []).append(rate.rate_ips)
+    units = {unit: k for k, unit in enumerate(sorted({train.unit for train in simulation.trains}))}
+    trains = tuple(
+        replace(train, unit="", cell=(max(train.cell, 1) - 1) * len(units) + units[train.unit] + 1)
+        for train in simulation.trains
+    )
+    means = tuple(Rate(*key, float(np.mean(values))) for key, values in rates.items())
+    return replace(simulation, trains=trains, mean_rates=means)
 
 
 def _left_out(
@@ -237,8 +359,8 @@ def _left_out(
         )
     if unknown:
         _LOGGER.info(
-            f"left out {len(unknown)} stimuli that are not in the paper's appendix: "
-            f"{', '.join(unknown)} ({observed.path})"
+            f"{len(unknown)} stimuli are not in the paper's appendix and only in the table of "
+            f"recorded sets: {', '.join(unknown)} ({observed.path})"
         )
     return unknown
 

@@ -57,7 +57,8 @@ from fembridge.reporting.rate_tables import (
     RateTable,
     row_of,
 )
-from fembridge.reporting.recorded import STRENGTH_TOLERANCE, Evidence
+from fembridge.reporting.recorded import STRENGTH_TOLERANCE, Comparison, Evidence
+from fembridge.reporting.recorded_sets import OUYANG_SOURCE, RECORDED_SETS, RecordedSet
 from fembridge.reporting.shortfalls import fingertip_shortfalls, shortfalls
 from fembridge.reporting.svg import inline_svg
 from fembridge.reporting.validation_data import (
@@ -167,8 +168,10 @@ def page_text(validation: ValidationData, command: str, folder: Path) -> str:
         fit_mismatch=validation.judged.fit_mismatch(validation.response),
         held_out=_held_out_frame(validation),
         fingertip_shortfalls=fingertip_shortfalls(validation),
-        fingertip_agreement=_fingertip_frame(validation),
+        fingertip_agreement=None if validation.on_pad else _fingertip_frame(validation),
         ramp_facts=_ramp_facts(),
+        recorded_sets=_recorded_frame(validation),
+        missing_sets=_missing_sets(validation),
     )
 
 
@@ -217,13 +220,14 @@ def figure_functions(validation: ValidationData) -> dict[str, Callable[..., "Fig
             validation.rates.reference(family.stimuli),
             judged,
         )
-    functions["fingertip_rates"] = partial(
-        draw_rates,
-        validation.simulations[FINGERTIP].mean_rates,
-        published=simulation.mean_rates,
-        names={MAIN: "whole fingertip", PUBLISHED: "this model, on the section"},
-    )
-    for prefix, comparison in (("", evidence.judged), ("fingertip_", evidence.fingertip)):
+    if not validation.on_pad:
+        functions["fingertip_rates"] = partial(
+            draw_rates,
+            validation.simulations[FINGERTIP].mean_rates,
+            published=simulation.mean_rates,
+            names={MAIN: "whole fingertip", PUBLISHED: "this model, on the section"},
+        )
+    for prefix, comparison in _comparisons(evidence).items():
         functions[f"{prefix}tuning"] = partial(
             thresholds_figure, comparison.curves, comparison.tuning
         )
@@ -234,6 +238,12 @@ def figure_functions(validation: ValidationData) -> dict[str, Callable[..., "Fig
         "distance": partial(distance_figure, evidence),
         "ramp": partial(raster_figure, evidence.ramp, waveform=evidence.ramp_stimulus),
     }
+
+
+def _comparisons(evidence: Evidence) -> dict[str, Comparison]:
+    """Comparison of each model by the prefix of its files."""
+    fingertip = {} if evidence.fingertip is None else {"fingertip_": evidence.fingertip}
+    return {"": evidence.judged, **fingertip}
 
 
 def csv_tables(validation: ValidationData) -> dict[str, "DataFrame"]:
@@ -268,7 +278,7 @@ def csv_tables(validation: ValidationData) -> dict[str, "DataFrame"]:
     evidence = validation.evidence
     comparisons = {
         f"{prefix}{name}": table
-        for prefix, comparison in (("", evidence.judged), ("fingertip_", evidence.fingertip))
+        for prefix, comparison in _comparisons(evidence).items()
         for name, table in (
             ("timing", comparison.timing),
             ("tuning", comparison.tuning),
@@ -290,6 +300,8 @@ def csv_tables(validation: ValidationData) -> dict[str, "DataFrame"]:
         "distance": evidence.distance,
         "human_impulses": evidence.human,
         "ramp_and_hold": spikes_frame(evidence.ramp),
+        "recorded_sets": validation.recorded_sets,
+        "recorded_points": validation.points,
     }
     return {name: table.reset_index(drop=True) for name, table in tables.items()}
 
@@ -341,19 +353,33 @@ def _titles(validation: ValidationData) -> dict[str, str]:
 
 def _summary_frame(validation: ValidationData, reference: str) -> "DataFrame":
     """Agreement of all families with `reference`; with observed rates also the goals."""
+    from pandas import Series
+
     cells = validation.agreement.loc[[reference]]
     cells = cells[
         cells.source.isin(validation.rates.compared_with(reference)) & (cells["set"] == ALL_SETS)
     ]
-    names = {family.name: f"{family.title} ({len(family.stimuli)} stimuli)" for family in FAMILIES}
+    counts = cells["count"].groupby(cells["family"].to_numpy()).max()
+    names = {
+        family.name: f"{family.title} ({_count_text(int(counts[family.name]), family)} stimuli)"
+        for family in FAMILIES
+    }
     frame = _agreement_frame(validation, cells, "source", family=names)
     if reference == OBSERVED:
         judged = cells[cells.source == validation.judged.name]
         paper = f"R² > {PAPER_R_SQUARED:g}, p < {rates.PAPER_P_VALUE:g}"
         project = f"R² ≥ {rates.GOAL_R_SQUARED:g}, RMSE below TouchSim"
         for goal, column in ((paper, judged.meets_paper), (project, judged.meets_goal)):
-            frame["Goals of this model", goal] = [_mark(met) for met in column]
+            # As objects: pandas with pyarrow would make `Markup` a plain text.
+            marks = Series([_mark(met) for met in column], frame.index, dtype=object)
+            frame["Goals of this model", goal] = marks
     return frame
+
+
+def _count_text(count: int, family: Family) -> str:
+    """Number of compared stimuli of a family, and of all if they are more."""
+    total = len(family.stimuli)
+    return str(total) if count in (0, total) else f"{count} of {total}"
 
 
 def _fingertip_frame(validation: ValidationData) -> "DataFrame":
@@ -385,8 +411,11 @@ def _family(validation: ValidationData, family: Family) -> dict[str, Any]:
     cells = cells[
         cells.source.isin(validation.rates.compared_with(reference)) & (cells.family == family.name)
     ]
+    counts = cells["count"].groupby(cells["set"].to_numpy(), sort=False).sum()
+    cells = cells[cells["set"].map(counts) > 0]
     return {
         "family": family,
+        "without_rates": [titles[str(name)] for name in counts.index[counts == 0]],
         "observed": reference == OBSERVED,
         "sources": [
             source
@@ -497,6 +526,67 @@ def _tuning_frame(tuning: "DataFrame") -> "DataFrame":
     return numbers.set_axis(["Thresholds", "median factor", "largest factor"], axis=1)
 
 
+def _recorded_frame(validation: ValidationData) -> "DataFrame":
+    """R², error and ratio of each source, one row per recorded set and class."""
+    from pandas import DataFrame, MultiIndex
+
+    table = validation.recorded_sets
+    filled = table[table["missing"].isna()]
+    sets = {recorded_set.name: recorded_set for recorded_set in RECORDED_SETS}
+    rows, index = [], []
+    for (name, afferent), group in filled.groupby(["set", "afferent"], sort=False):
+        recorded_set = sets[str(name)]
+        cells: dict[tuple[str, str], str] = {}
+        for row in group.to_dict("records"):
+            cells.update(_source_cells(row, recorded_set, validation.judged.name))
+        rows.append(cells)
+        index.append((f"{recorded_set.title} ({recorded_set.role})", str(afferent)))
+    sources = (validation.judged.name, FINGERTIP, TOUCHSIM, OUYANG_SOURCE)
+    titles = [source_title(source, validation.judged.name) for source in sources]
+    heads = [(title, head) for title in titles for head in ("R²", "RMSE", "ratio")][:-1]
+    counts = filled.drop_duplicates(["set", "afferent"])["recorded"]
+    frame = DataFrame(
+        rows, index=MultiIndex.from_tuples(index), columns=MultiIndex.from_tuples(heads)
+    )
+    frame = frame.dropna(axis="columns", how="all").astype(object).fillna("")
+    frame.insert(0, ("", "n"), [str(count) for count in counts])
+    return frame
+
+
+def _source_cells(
+    row: Mapping[Any, Any], recorded_set: RecordedSet, judged: str
+) -> dict[tuple[str, str], str]:
+    """Cells of one source in a row of `_recorded_frame`."""
+    title = source_title(row["source"], judged)
+    spec = ".2f" if recorded_set.unit in ("1", "per cycle", "impulses") else ".1f"
+    rmse = number(row["rmse"], spec)
+    if recorded_set.ratios:
+        rmse = rmse if rmse == ABSENT else f"× {rmse}"
+    falls = row["correlation"] < 0
+    cells = {
+        "R²": number(row["r_squared"], ".2f") + " (r < 0)" * falls,
+        "RMSE": rmse,
+        "ratio": number(row["ratio"], ".2f"),
+    }
+    if row["count"] < row["recorded"]:
+        cells["ratio"] += f" ({row['count']:.0f})"
+    if row["source"] == OUYANG_SOURCE:
+        del cells["ratio"]
+    return {(title, head): text for head, text in cells.items()}
+
+
+def _missing_sets(validation: ValidationData) -> list[tuple[str, str]]:
+    """Title of each recorded set without data, and the data that would fill it."""
+    table = validation.recorded_sets
+    missing = dict(zip(table["set"], table["missing"], strict=True))
+    have = set(table["set"][table["missing"].isna()])
+    return [
+        (f"{recorded_set.title} ({recorded_set.role})", missing[recorded_set.name])
+        for recorded_set in RECORDED_SETS
+        if recorded_set.name not in have
+    ]
+
+
 def _ramp_facts() -> "DataFrame":
     table = published(RAMP).table
     heads = {"fact": "Observation", "source": "Source"}
@@ -601,7 +691,16 @@ def regression_figure(
             cell = row_of(agreement, reference, source, family.name, ALL_SETS, afferent)
             _draw_points(panel, rates, family, cell)
             panel.axline((0, 0), slope=1.0, zorder=1, **_EQUAL)
-        top_ips = _ROOM * max(1.0, rates.largest_ips(afferent, family.stimuli))
+        compared = [
+            stimulus
+            for stimulus, rate_ips in zip(
+                family.stimuli,
+                rates.rates_ips(reference, afferent, family.stimuli),
+                strict=True,
+            )
+            if np.isfinite(rate_ips)
+        ]
+        top_ips = _ROOM * max(1.0, rates.largest_ips(afferent, compared)) if compared else 1.0
         column[0].set(xlim=(0.0, top_ips), ylim=(0.0, top_ips))
         for axis in (column[0].xaxis, column[0].yaxis):
             axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))

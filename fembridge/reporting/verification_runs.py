@@ -9,7 +9,6 @@ does the processor time of a child process belong to one run.
 import hashlib
 import math
 import re
-import resource
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass, field, replace
 from operator import add
@@ -26,6 +25,7 @@ from decks.dialects import JOB
 from fembridge.errors import ResponseError
 from fembridge.host.executor import send
 from fembridge.host.store import filling, read_toml, write_text
+from fembridge.host.system import children_s
 from fembridge.io.run_folder import RUN_FILE, RunFolder
 from fembridge.plots.style import (
     AFFERENT_COLOURS,
@@ -139,10 +139,10 @@ class Runs:
         outcome = finished_outcome(run)
         cpu_s = None if outcome is None else _stored_cpu_s(run)
         if outcome is None or cpu_s is None:
-            before_s = _children_s()
+            before_s = children_s()
             settings = Solver(THREADS, on_progress=send, cache=False)
             outcome = run_ccx(run, settings)
-            cpu_s = _children_s() - before_s
+            cpu_s = children_s() - before_s
             if outcome.accepted:
                 text = f'deck_sha256 = "{run.deck_sha256}"\ncpu_s = {cpu_s:.3f}\n'
                 write_text(run.folder / COST_FILE, text)
@@ -212,12 +212,6 @@ def read_indented(attempt: RunAttempt, model: Model, stimulus: Stimulus) -> Inde
         touching=int(touching[-1]) if touching else 0,
         cost=attempt.cost,
     )
-
-
-def _children_s() -> float:
-    """Processor time of all finished child processes."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
 
 
 def _stored_cpu_s(run: RunFolder) -> float | None:

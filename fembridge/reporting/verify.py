@@ -2,7 +2,6 @@
 
 import json
 import math
-import os
 import sys
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -15,7 +14,7 @@ from pandas import DataFrame, read_csv
 
 from fembridge.errors import MissingError, ResultError, SolverError, UsageError
 from fembridge.host.executor import OnMessage, WorkerDiedError, executor_of, finished
-from fembridge.host.machine import SOLVER_INSTALL_LINE, check_ccx, find_ccx
+from fembridge.host.machine import SOLVER_INSTALL_LINE, check_ccx, cores, find_ccx
 from fembridge.host.process import signals_as_exits
 from fembridge.host.store import make_folder, write_text
 from fembridge.io.formatting import markdown, rendered, split_unit, worded
@@ -253,7 +252,7 @@ def verify(
         folder,
         only,
         quick=quick,
-        jobs=jobs or len(os.sched_getaffinity(0)),
+        jobs=jobs or cores(),
         on_message=on_message,
     )
     skipped = [finding.skipped for finding in findings.values() if finding.skipped]

@@ -55,6 +55,8 @@ _KEYS = (
     "closure_percent",
     "depth_um",
     "force_n_per_mm",
+    "force_n",
+    "is_mean",
     "lifts_off",
     "load",
     "origin",
@@ -103,6 +105,11 @@ class ResponseMap:
         at any smaller one. Default: True.
     load
         Force or pressure that `depth_um` stands for. Default: None, a displacement.
+    force_n
+        Force on a probe on a whole fingertip, ``(K,)`` in N. Default: ``(0,)``, not known.
+    is_mean
+        Whether the units of a class are one afferent under several positions of a probe, over
+        which rates are means. Default: False.
 
     Raises
     ------
@@ -118,10 +125,12 @@ class ResponseMap:
     origin: Mapping[str, Any] = field(default_factory=dict)
     lifts_off: bool = True
     load: LoadScale | None = None
+    force_n: FloatArray = field(default_factory=lambda: np.empty(0))
+    is_mean: bool = False
     _curve: "PchipInterpolator | None" = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        for name in ("depth_um", "tensor_pa", "force_n_per_mm"):
+        for name in ("depth_um", "tensor_pa", "force_n_per_mm", "force_n"):
             array = np.array(getattr(self, name), dtype=np.float64)
             if not np.isfinite(array).all():
                 raise ResponseError(f"response map: {name} is not finite everywhere")
@@ -129,11 +138,12 @@ class ResponseMap:
             object.__setattr__(self, name, array)
         depth_um, count = self.depth_um, self.depth_um.size
         expected = (count, len(self.places), len(TENSOR))
-        if self.tensor_pa.shape != expected or self.force_n_per_mm.shape not in ((count,), (0,)):
-            raise ResponseError(
-                f"response map: tensors {self.tensor_pa.shape} and forces "
-                f"{self.force_n_per_mm.shape}, expected {expected} and ({count},)"
-            )
+        for force in (self.force_n_per_mm, self.force_n):
+            if self.tensor_pa.shape != expected or force.shape not in ((count,), (0,)):
+                raise ResponseError(
+                    f"response map: tensors {self.tensor_pa.shape} and forces "
+                    f"{force.shape}, expected {expected} and ({count},)"
+                )
         if (
             depth_um.ndim != 1
             or count < 3
@@ -237,10 +247,11 @@ class ResponseMap:
     def stress_pa(
         self, model: AfferentModel | AfferentParameters, stimuli: Sequence[Stimulus]
     ) -> FloatArray:
-        """Stress in Pa that drives the class of `model`, ``(T, stimulus)``.
+        """Stress in Pa that drives the class of `model`, ``(T, stimulus, position)``.
 
-        A shorter stimulus keeps its last stress up to the length of the longest. Of several units
-        of the class the one with the largest stress is taken.
+        A shorter stimulus keeps its last stress up to the length of the longest. There is one
+        position, except where the map `is_mean`. Of several units of the class of another map the
+        one with the largest stress is taken.
 
         Parameters
         ----------
@@ -261,25 +272,42 @@ class ResponseMap:
                 found=model.afferent,
                 expected=self.classes_text(),
             )
-        column = columns[0]
-        if len(columns) > 1:
+        if len(columns) > 1 and not self.is_mean:
             peaks_pa = von_mises_pa(self.tensor_pa[:, columns]).max(axis=0)
             column = columns[int(peaks_pa.argmax())]
             _LOGGER.info(
                 f"{model.afferent} is unit {self.places[column].unit}, of {len(columns)} that with "
                 "the largest stress"
             )
-        traces_pa = [
-            self._scalar_pa(
-                self.tensors(stimulus.displacement_um, stimulus.id, column),
-                self.places[column],
-                model,
-            )
-            for stimulus in stimuli
-        ]
-        samples = max(map(len, traces_pa))
-        padded_pa = [np.pad(pa, (0, samples - len(pa)), mode="edge") for pa in traces_pa]
-        return np.stack(padded_pa, axis=-1)
+            columns = [column]
+        samples = max(stimulus.displacement_um.size for stimulus in stimuli)
+        stress_pa = np.empty((samples, len(stimuli), len(columns)))
+        for row, stimulus in enumerate(stimuli):
+            size = stimulus.displacement_um.size
+            for position, column in enumerate(columns):
+                tensor_pa = self.tensors(stimulus.displacement_um, stimulus.id, column)
+                trace_pa = self._scalar_pa(tensor_pa, self.places[column], model)
+                stress_pa[:size, row, position] = trace_pa
+                stress_pa[size:, row, position] = trace_pa[-1]
+        return stress_pa
+
+    def force_at_n(self, depth_um: FloatArray) -> FloatArray:
+        """Force on the probe in N at depths in um, of any shape; NaN where it is not known.
+
+        Parameters
+        ----------
+        depth_um
+            Depths of the probe in um, ``(T,)`` or of another shape, at most `deepest_um`; above the
+            skin the force is 0.
+        """
+        if not self.force_n.size:
+            return np.full(np.shape(depth_um), np.nan)
+        from scipy.interpolate import PchipInterpolator
+
+        force_n: FloatArray = PchipInterpolator(self.depth_um, self.force_n)(
+            np.maximum(depth_um, self.depth_um[0])
+        )
+        return force_n
 
     def _scalar_pa(
         self,
@@ -374,6 +402,8 @@ def write_map(path: Path, response: ResponseMap) -> None:
         "closure_percent": response.closure_percent,
         "depth_um": response.depth_um.tolist(),
         **({"force_n_per_mm": force.tolist()} if (force := response.force_n_per_mm).size else {}),
+        **({"force_n": force.tolist()} if (force := response.force_n).size else {}),
+        **({"is_mean": True} if response.is_mean else {}),
         **({} if response.lifts_off else {"lifts_off": False}),
         **({} if response.load is None else {"load": asdict(response.load)}),
         "origin": dict(response.origin),
@@ -428,6 +458,8 @@ def read_map(path: Path | str) -> ResponseMap:
         lifts_off, load = table.get("lifts_off", True), table.get("load")
         if not isinstance(lifts_off, bool) or not isinstance(load, Mapping | None):
             raise TypeError("lifts_off is not true or false, or load no table")
+        if not isinstance(is_mean := table.get("is_mean", False), bool):
+            raise TypeError("is_mean is not true or false")
         return ResponseMap(
             depth_um=depth_um,
             tensor_pa=tensor_pa,
@@ -437,6 +469,8 @@ def read_map(path: Path | str) -> ResponseMap:
             origin=origin,
             lifts_off=lifts_off,
             load=None if load is None else LoadScale(**load),
+            force_n=_parse_numbers(table.get("force_n", []), "force_n"),
+            is_mean=is_mean,
         )
     except (
         KeyError,
@@ -466,7 +500,7 @@ def load_response(response: ResponseLike) -> ResponseMap:
         return read_map(Path(response))
     inner = getattr(response, "response", None)
     if not isinstance(inner, ResponseMap):
-        expected = "a ResponseMap, a DeckResponse, or the folder or file of a map"
+        expected = "a ResponseMap, a DeckResponse, a PadProbe, or the folder or file of a map"
         raise UsageError(argument="response", found=response, expected=expected)
     return inner
 

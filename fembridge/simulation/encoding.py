@@ -52,7 +52,7 @@ from fembridge.simulation.folder import (
 )
 from fembridge.simulation.simulation import Simulation
 from fembridge.simulation.spikes import encode_traces, spike_trains
-from fembridge.solver.mechanics import fit_mismatch
+from fembridge.solver.mechanics import check_mechanics, fit_mismatch
 from fembridge.trace import (
     Origin,
     StressTrace,
@@ -526,9 +526,10 @@ def _report_mismatch(traces: Traces, selected: ParameterSet) -> None:
     # In an unknown run, a trace that starts without stress had no pre-indentation.
     is_pressed = any(trace.stress_pa[0] > 0 for trace in traces)
     depths_um = {origin.preindent_um} if origin else set() if is_pressed else {0.0}
-    if mismatch := fit_mismatch(selected, origin.finger if origin else {}, depths_um):
-        report = warn if origin else _LOGGER.info  # unknown mechanics contradict nothing
-        report(mismatch)
+    if origin:
+        check_mechanics(selected, origin.finger, depths_um)
+    elif mismatch := fit_mismatch(selected, {}, depths_um):
+        _LOGGER.info(mismatch)  # unknown mechanics contradict nothing
 
 
 def _prepare_traces(

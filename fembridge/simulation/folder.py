@@ -312,7 +312,7 @@ def with_origin(
     parameter_table: Table = {"name": name}
     if name not in SET_NAMES or parameters_to_table(parameter_set(name).parameters) != parameters:
         parameter_table |= {
-            "preindent_um": stimuli[0].preindent_um,
+            "preindent_um": record.get("fitted_at_um", stimuli[0].preindent_um),
             **parameters,
             "fit": record.get("fit", {}),
         }

@@ -146,7 +146,7 @@ def simulate(
     )
     from fembridge.solver.mechanics import report_mechanics
     from fembridge.trace import finger_id
-    from neural.parameter_sets import parameter_set, parameters_to_table
+    from neural.parameter_sets import parameter_set
     from neural.parameters import finest_step_ms
 
     if response is not None:
@@ -234,13 +234,12 @@ def simulate(
         **origin,
         "no_map": reason,
         "closure_percent": slip_percent if solved is None else solved.closure_percent,
-        "parameter_set": neural_set.name,
-        "parameters": parameters_to_table(neural_set.parameters),
-        "fit": parameter_table.get("fit"),
+        **neural_set.to_record(),
     }
     record = {key: value for key, value in record.items() if value is not None}
     simulation = encode_all(stimuli, traces, neural_set.parameters, record)
-    report_mechanics(neural_set, finger_id(finger_table(skin)), stimuli)
+    depths_um = {item.preindent_um for item in stimuli}
+    report_mechanics(neural_set, finger_id(finger_table(skin)), depths_um)
     return simulation
 
 
@@ -264,7 +263,7 @@ def _from_response(
     from fembridge.solver.loads import in_scale, load_scale
     from fembridge.solver.mechanics import report_mechanics
     from fembridge.trace import model_id
-    from neural.parameter_sets import parameter_set, parameters_to_table
+    from neural.parameter_sets import parameter_set
     from neural.parameters import finest_step_ms
 
     loaded = load_response(response)
@@ -281,7 +280,6 @@ def _from_response(
             problem = f"of {item.id}: a response map has no sliding probe"
             raise UsageError(problem, argument="slide_mm_per_s")
     traces = [loaded.traces(item, neural_set.parameters) for item in driven]
-    table = neural_set.to_table()
     record = {
         "fembridge": __version__,
         "method": "map",
@@ -289,11 +287,9 @@ def _from_response(
         "closure_percent": loaded.closure_percent,
         "response": dict(loaded.origin),
         "load": None if loaded.load is None else asdict(requested or loaded.load),
-        "parameter_set": neural_set.name,
-        "parameters": parameters_to_table(neural_set.parameters),
-        "fit": table.get("fit"),
+        **neural_set.to_record(),
     }
     record = {key: value for key, value in record.items() if value is not None}
     simulation = encode_all(stimuli, traces, neural_set.parameters, record)
-    report_mechanics(neural_set, model_id(loaded.origin), stimuli)
+    report_mechanics(neural_set, model_id(loaded.origin), {item.preindent_um for item in stimuli})
     return simulation

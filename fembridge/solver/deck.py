@@ -151,7 +151,8 @@ def build_deck(
         )
         for item in stimuli
     ]
-    report_mechanics(loaded_set, finger_id(finger_table(model.finger)), stimuli)
+    depths_um = {stimulus.preindent_um for stimulus in stimuli}
+    report_mechanics(loaded_set, finger_id(finger_table(model.finger)), depths_um)
     return runs
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from decks.dialects import JOB
 from fembridge.errors import ResultError, SolverError
 from fembridge.host.process import CANNOT_RUN
+from fembridge.host.system import signal_numbers
 from fembridge.io.run_folder import RunFolder
 from fembridge.results.byte_file import ByteFile
 from fembridge.results.frd import FrdIndex
@@ -38,7 +39,7 @@ NO_CONVERGENCE = (
     "too many cutbacks",
     "too many iterations",
 )
-CRASHES = {getattr(signal, f"SIG{name}") for name in ("ABRT", "BUS", "FPE", "ILL", "SEGV", "SYS")}
+CRASHES = signal_numbers("SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSEGV", "SIGSYS")
 TIME_TOLERANCE = 1.0e-5
 """Relative to the end time; times in the ``.sta`` have seven digits, in the ``.frd`` six."""
 MIB = 1024**2
@@ -375,7 +376,7 @@ def _from_log(work: Path, run: RunFolder, log: SolverLog, rows: list[StaRow]) ->
 def _from_exit(work: Path, exit_code: int, log: SolverLog) -> Failure | None:
     if exit_code == 0:
         return None
-    if exit_code == -signal.SIGXFSZ:
+    if -exit_code in signal_numbers("SIGXFSZ"):
         return _disk_full(work, "a limit of file size (ulimit -f) was reached")
     if exit_code < 0:
         is_known = -exit_code in set(signal.Signals)
@@ -384,7 +385,7 @@ def _from_exit(work: Path, exit_code: int, log: SolverLog) -> Failure | None:
         )
         if -exit_code in CRASHES:
             return Failure(Cause.CRASHED, f"{name}; last output: {log.end}")
-        if exit_code == -signal.SIGKILL:
+        if -exit_code in signal_numbers("SIGKILL"):
             name += ", which Linux also sends when memory runs out"
         return Failure(Cause.KILLED, name)
     if exit_code == OUT_OF_MEMORY_EXIT:

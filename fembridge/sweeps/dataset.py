@@ -107,6 +107,7 @@ COLUMNS: Mapping[str, Mapping[str, str]] = {
         "z_mm": "float64",
         "depth_mm": "float64",
         "deviate": "float64",
+        "endings_seed": "int64",
     },
 }
 """Columns of the tables and their types."""

@@ -82,6 +82,7 @@ from fembridge.simulation.folder import SPIKES_FILE
 from fembridge.simulation.simulation import Simulation, encode_all
 from fembridge.simulation.transients import solve_transients
 from fembridge.solver.build import stimulus_inputs
+from fembridge.solver.mechanics import check_mechanics, fit_mismatch
 from fembridge.solver.settings import Solver
 from fembridge.stimulus import Stimulus
 from fembridge.sweeps.fingers import Variant, located_errors
@@ -94,6 +95,7 @@ from fembridge.sweeps.study_file import (
     study_from,
     study_from_frame,
 )
+from fembridge.trace import finger_id, model_id
 from fembridge.typing import Table
 from fembridge.version import __version__
 from neural import Parameters
@@ -186,6 +188,11 @@ class Response(_Keyed):
             "finger": finger_table(self.finger),
         }
 
+    @property
+    def mechanics(self) -> dict[str, str]:
+        """Name and digest of the finger."""
+        return finger_id(finger_table(self.finger))
+
     def read(self, folder: Path) -> ResponseMap:
         """Response map from the sweep's `folder`, or the stored response."""
         if self.solver == STORED:
@@ -219,6 +226,13 @@ class DeckTask(_Keyed):
         """All inputs of the task."""
         solver = {} if self.deck.is_map else {"solver": self.solver, "fembridge": __version__}
         return {"format": FORMAT, **solver, **self.made_from}
+
+    @property
+    def mechanics(self) -> dict[str, str]:
+        """Name and checksum of the deck."""
+        if self.deck.is_map:
+            return model_id(self.deck.read_map().origin)
+        return {"name": self.deck.path.name, "sha256": str(self.made_from["deck_sha256"])}
 
     def read(self, folder: Path) -> ResponseMap:
         """The map of the entry, or that in the sweep's `folder`."""
@@ -548,6 +562,7 @@ def sweep(
         if not study.stored and not (study.decks and all(deck.is_map for deck in study.decks)):
             solver = _cluster_solver(cluster) if cluster else solver_version()
         plan = make_plan(study, solver)
+        _check_mechanics(study, plan)
         unfinished = {key: item for key, item in plan.items.items() if not item.is_finished(folder)}
         finished_before = len(plan.items) - len(unfinished)
         remove_file(folder / RESULTS_FILE)  # from an earlier study; incomplete until the end
@@ -572,6 +587,16 @@ def sweep(
         if key in causes
     )
     return replace(Sweep.read(folder), failed=failed, finished_before=finished_before)
+
+
+def _check_mechanics(study: Study, plan: Plan) -> None:
+    """Warn once of each difference between the mechanics of the fit and those of an item."""
+    uses: dict[str, tuple[dict[str, str], set[float]]] = {}
+    for item in plan.items.values():
+        use = item.response.mechanics, {item.preindent_um}
+        uses.setdefault(fit_mismatch(study.parameters, *use), use)
+    for use in uses.values():
+        check_mechanics(study.parameters, *use)
 
 
 def make_plan(study: Study, solver: str) -> Plan:

@@ -25,6 +25,7 @@ from fembridge.simulation.simulate import simulate
 from fembridge.simulation.simulation import Simulation
 from fembridge.sweeps.touch_study import FILES
 from fembridge.touching.contact_history import ContactHistory, solve_contact
+from fembridge.touching.influence import drop_influence
 from fembridge.touching.pad import Pad
 from fembridge.touching.pad_file import resolve_pad
 from fembridge.touching.population import POPULATIONS, Population, resolve_population
@@ -102,24 +103,41 @@ class Outcome:
     encode_s: float = 0.0
 
 
+@dataclass(slots=True)
+class _Shared:
+    """What the rows of a batch share: contacts by the digest of their trajectory.
+
+    The stress that `fembridge.touching.influence` keeps was computed with other nodes or units
+    beside it, which changes last bits of its sums. So it serves only rows that read it in the same
+    way, as those do which differ in their seed: `reading` is all that decides it.
+    """
+
+    contacts: dict[str, ContactHistory] = field(default_factory=dict)
+    reading: tuple[object, ...] = ()
+
+    def read_as(self, *reading: object) -> None:
+        """Keep the stress of the row before only if it was read in the same way."""
+        if reading != self.reading:
+            drop_influence()
+        self.reading = reading
+
+
 def run_batch(batch: Batch) -> list[Outcome]:
     """Outcome of each row of `batch`; an error becomes its cause."""
     from threadpoolctl import threadpool_limits
 
-    contacts: dict[str, ContactHistory] = {}
+    shared = _Shared()
     with _one_at_a_time, threadpool_limits(1, user_api="blas"):
-        return [_outcome(touch, row, batch, contacts) for touch, row in batch.rows.items()]
+        return [_outcome(touch, row, batch, shared) for touch, row in batch.rows.items()]
 
 
-def _outcome(
-    touch: int, row: Settings, batch: Batch, contacts: dict[str, ContactHistory]
-) -> Outcome:
+def _outcome(touch: int, row: Settings, batch: Batch, shared: _Shared) -> Outcome:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
             settings = _located(row, batch.folder)
             compute = _map_outcome if "map" in settings else _pad_outcome
-            outcome = compute(touch, settings, batch.forces_step_ms, contacts)
+            outcome = compute(touch, settings, batch.forces_step_ms, shared)
         except OutputError as error:
             return Outcome(touch, cause=_line(error), may_pass=True)
         except FembridgeError as error:
@@ -276,26 +294,30 @@ def _trajectory_of(settings: Settings, preindent_um: float) -> Trajectory:
     return Trajectory.slide(**arguments) if slides else Trajectory.press(**arguments)
 
 
-def _pad_outcome(
-    touch: int, settings: Settings, step_ms: float, contacts: dict[str, ContactHistory]
-) -> Outcome:
+def _pad_outcome(touch: int, settings: Settings, step_ms: float, shared: _Shared) -> Outcome:
     begin_s = time.perf_counter()
     inputs = inputs_of(settings)
     motion = inputs.trajectory.to_table()
     key = str(motion["sha256"])  # all else that the contact depends on is that of the batch
-    if key not in contacts:
-        contacts[key] = solve_contact(inputs.pad, inputs.shape, inputs.trajectory, inputs.friction)
+    if key not in shared.contacts:
+        shared.contacts[key] = solve_contact(
+            inputs.pad, inputs.shape, inputs.trajectory, inputs.friction
+        )
     solved_s = time.perf_counter()
-    trials = settings.get("trials", 1)
+    trials, noise_mv = settings.get("trials", 1), settings.get("noise_mv", 0.0)
+    units, parameters_sha256 = inputs.population, _parameters_sha256(inputs.parameters)
+    population_sha256 = str(units.to_table()["sha256"])
+    endings = units.endings_mm, units.sa_von_mises
+    shared.read_as(key, population_sha256, endings, parameters_sha256, trials, noise_mv > 0)
     result = touch_skin(
         *inputs[:5],
         friction=inputs.friction,
         trials=trials,
-        noise_mv=settings.get("noise_mv", 0.0),
+        noise_mv=noise_mv,
         seed=settings.get("seed", 0),
-        contact=contacts[key],
+        contact=shared.contacts[key],
     )
-    units, trajectory = inputs.population, inputs.trajectory
+    trajectory = inputs.trajectory
     shape = None if inputs.shape is None else inputs.shape.to_table()
     defaults = {
         **{name: motion[name] for name in _OF_MOTION if name in motion},
@@ -333,8 +355,8 @@ def _pad_outcome(
         "pad_sha256": inputs.pad.sha256,
         "shape_sha256": None if shape is None else digest(_plain(shape)),
         "trajectory_sha256": key,
-        "population_sha256": units.to_table()["sha256"],
-        "parameters_sha256": _parameters_sha256(inputs.parameters),
+        "population_sha256": population_sha256,
+        "parameters_sha256": parameters_sha256,
         "fembridge": __version__,
     }
     rows = _sampled(trajectory.level.size, trajectory.dt_ms, step_ms)
@@ -384,9 +406,7 @@ def _sampled(samples: int, dt_ms: float, step_ms: float) -> IntArray:
 # ---- Stimuli of a map
 
 
-def _map_outcome(
-    touch: int, settings: Settings, step_ms: float, contacts: dict[str, ContactHistory]
-) -> Outcome:
+def _map_outcome(touch: int, settings: Settings, step_ms: float, shared: _Shared) -> Outcome:
     begin_s = time.perf_counter()
     path = map_file(settings["map"])
     response, sha256 = _map_of(path, path.stat().st_mtime_ns)
@@ -481,10 +501,14 @@ def units_of(row: Settings, folder: Path) -> dict[str, Any]:
             "z_mm": [site.z_mm for _, site in units],
             "depth_mm": [site.depth_mm for _, site in units],
             "deviate": nothing,
+            "endings_seed": nothing,
         }
     population = population_of(settings, _pad_of(settings.get("pad", PAD)))
     return {
         "unit": list(population.unit),
         "afferent": list(population.afferent),
-        **{name: getattr(population, name) for name in ("x_mm", "z_mm", "depth_mm", "deviate")},
+        **{
+            name: getattr(population, name)
+            for name in ("x_mm", "z_mm", "depth_mm", "deviate", "endings_seed")
+        },
     }

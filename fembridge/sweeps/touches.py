@@ -788,6 +788,7 @@ def touch_many(
                 pool = stack.enter_context(LocalExecutor(workers, attempts=1))
             workers = min(workers, os.cpu_count() or 1) if scheduler is None else jobs
             _check_cost(_estimate(plan, works, pool, workers), yes=yes)
+            done += sum(len(work.outcomes) for work in works.values())  # of the trials
             progress = _Progress(store, len(plan.rows), done, shows=show_progress)
             stack.enter_context(progress)
             progress.write()
@@ -1016,8 +1017,9 @@ def touches_status(folder: "str | Path") -> TouchStatus:
         age_s = time.time() - report["now_unix_s"]
         elapsed_s = report["now_unix_s"] - report["begin_unix_s"]
         finished_here = report["done"] + report["failed"] - report["before"]
-        done, failed = max(done, report["done"]), max(failed, report["failed"])
         is_running = age_s < _SILENT_S
+        if is_running:
+            done, failed = max(done, report["done"]), max(failed, report["failed"])
         if finished_here > 0 and elapsed_s > 0:
             per_s = finished_here / elapsed_s
             left_s = max(rows - done - failed, 0) / per_s

@@ -141,6 +141,8 @@ class GridCompliance(Compliance):
     drag_mm
         Displacement into the skin by the friction that comes with 1 N, of the pad's nodes:
         ``(force, node, apart)``, for nodes ahead and behind; None without friction.
+    drag_table_mm
+        The same, of the nodes of the grid: ``(2, force, node, rows apart)``, in single precision.
     across
         Weight of each column of the pad for each column of the grid, ``(C, N)``.
     rows_per_node
@@ -159,12 +161,13 @@ class GridCompliance(Compliance):
         column: IntArray,
         row: IntArray,
         drag_mm: tuple[FloatArray, FloatArray] | None = None,
+        drag_table_mm: SingleArray | None = None,
     ) -> None:
         from scipy import fft
 
         self._column, self._row = column, row
         self._kernel_mm, self._rest_mm = kernel_mm, rest_mm
-        self._table_mm = table_mm
+        self._table_mm, self._drag_table_mm = table_mm, drag_table_mm
         first_column, first_row = int(column.min()), int(row.min())
         self.shape = int(column.max()) - first_column + 1, int(row.max()) - first_row + 1
         """Columns and rows of the smallest window that has all nodes."""
@@ -221,6 +224,21 @@ class GridCompliance(Compliance):
         index = np.abs(self._row[rows][:, None] - self._row[columns])
         index += (self._column[rows] * (across * along))[:, None] + self._column[columns] * along
         entries: SingleArray = self._table_mm.ravel().take(index)
+        return entries
+
+    @property
+    def has_drag(self) -> bool:
+        """Whether friction moves the nodes."""
+        return self._drag_table_mm is not None
+
+    def drag_entries_mm(self, rows: IntArray, columns: IntArray) -> SingleArray:
+        """Displacement of `rows` by the friction that comes with 1 N on each of `columns`."""
+        assert self._drag_table_mm is not None
+        _, across, _, along = self._drag_table_mm.shape
+        apart = self._row[rows][:, None] - self._row[columns]
+        index = np.abs(apart) + (apart < 0) * (across * across * along)
+        index += self._column[columns] * (across * along) + (self._column[rows] * along)[:, None]
+        entries: SingleArray = self._drag_table_mm.ravel().take(index)
         return entries
 
     def apply_mm(self, forces_n: SingleArray) -> SingleArray:

@@ -18,7 +18,7 @@ in that direction, and C is that of both: no longer symmetric, solved in the sam
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from threading import Lock
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -34,6 +34,8 @@ from fembridge.typing import BoolArray, FloatArray, IntArray, SingleArray
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
+
+    from threadpoolctl import ThreadpoolController
 
 # Forces below this share of the largest are rounding; nodes may be inside the shape by
 # this share of its depth, a nanometre or so: what single precision resolves.
@@ -76,6 +78,9 @@ PressBy: TypeAlias = Callable[..., tuple[FloatArray, float]]
 GapsAt: TypeAlias = Callable[[IntArray, IntArray], FloatArray | SingleArray]
 """Ways down ``(step, n)`` in mm to some nodes, counted from 0, at some steps."""
 
+ReachedBy: TypeAlias = Callable[[float], BoolArray]
+"""Nodes ``(n,)`` that a depth in mm reaches."""
+
 
 def press_to(
     pad: Pad, shape: Shape, level: FloatArray, *, by_force: bool = False
@@ -97,8 +102,8 @@ def press_to(
     nodes, gap_mm = nodes.subset(reached), gap_mm[reached]
     forces = np.empty((level.size, gap_mm.size))
     depth_um = np.array(level, dtype=np.float64)
-    with blas_threads(gap_mm.size):
-        contact = ContactSolver.on_nodes(nodes)
+    contact = ContactSolver.on_nodes(nodes)
+    with blas_threads(contact.nodes_at_once):
         for step, pressed in enumerate(level.tolist()):
             forces[step], depth_mm = contact.press_by(gap_mm, pressed, by_force=by_force)
             depth_um[step] = max(depth_mm / MM_PER_UM, 0.0) if by_force else pressed
@@ -121,7 +126,7 @@ class PressedSteps:
 def press_steps(
     nodes: SkinNodes,
     gaps_at: GapsAt,
-    nearest_mm: FloatArray | SingleArray,
+    reached_by: ReachedBy,
     level: FloatArray,
     *,
     by_force: bool = False,
@@ -135,8 +140,8 @@ def press_steps(
     ----------
     gaps_at
         Makes the gaps ``(step, n)`` of some nodes at some steps.
-    nearest_mm
-        The least gap of each node over all steps, ``(n,)``.
+    reached_by
+        Which nodes have a gap below a depth in mm at any step.
     level
         ``(S,)``: depths in um from where the gaps are 0, or with `by_force` forces in N.
     drag
@@ -155,22 +160,23 @@ def press_steps(
     all_rows = np.arange(nodes.size)
     if by_force:
         tried = np.arange(0, level.size, max(1, level.size // _TRIED_STEPS))
-        depths_mm = [
-            depth_of_force_mm(nodes, gap.astype(np.float64), float(level[step]) / lasting_share)
-            for step, gap in zip(tried, gaps_at(all_rows, tried), strict=True)
-            if level[step] > 0 and np.isfinite(gap).any()
-        ]
-        reach_mm = max(depths_mm, default=0.0)
+        reach_mm, above_first_mm = 0.0, _FIRST_REACH_MM
+        for step, gap in zip(tried, gaps_at(all_rows, tried), strict=True):
+            if level[step] > 0 and np.isfinite(gap).any():
+                force_n = float(level[step]) / lasting_share
+                depth_mm = depth_of_force_mm(nodes, gap.astype(np.float64), force_n, above_first_mm)
+                above_first_mm = max(above_first_mm, 1.1 * (depth_mm - float(gap.min())))
+                reach_mm = max(reach_mm, depth_mm)
     else:
         reach_mm = float(level.max()) * MM_PER_UM
-    reached = all_rows[nearest_mm < reach_mm]
+    reached = all_rows[reached_by(reach_mm)]
     nodes, count = nodes.subset(reached), reached.size
     subject = f"contact of {level.size} steps on up to {count} nodes"
     total_n, depth_um = np.empty(level.size), np.array(level, dtype=np.float64)
     parts: list[tuple[IntArray, SingleArray]] = []  # the nodes pressed, and their forces
     held_bytes = 0
-    with blas_threads(count):
-        contact = ContactSolver.on_nodes(nodes, drag)
+    contact = ContactSolver.on_nodes(nodes, drag)
+    with blas_threads(contact.nodes_at_once):
         press_by = contact.press_by if over_time is None else over_time(contact)
         for first in range(0, level.size, _STEPS_AT_ONCE):
             steps = np.arange(first, min(first + _STEPS_AT_ONCE, level.size))
@@ -200,14 +206,19 @@ def press_steps(
     return PressedSteps(nodes.subset(pressed), forces_n, total_n, depth_um)
 
 
-def depth_of_force_mm(nodes: SkinNodes, gap_mm: FloatArray, force_n: float) -> float:
-    """Depth at which `force_n` is reached, with a margin; gaps may be anything >= 0."""
+def depth_of_force_mm(
+    nodes: SkinNodes, gap_mm: FloatArray, force_n: float, reach_mm: float = _FIRST_REACH_MM
+) -> float:
+    """Depth at which `force_n` is reached, with a margin; gaps may be anything >= 0.
+
+    Skin up to `reach_mm` from the shape is first taken to be all that touches.
+    """
     first_mm = float(gap_mm.min())
-    reach_mm = _FIRST_REACH_MM
     while reach_mm < 2 * MOST_UM * MM_PER_UM:
         near = gap_mm < first_mm + reach_mm
         contact = ContactSolver.on_nodes(nodes.subset(near))
-        _, depth_mm = contact.press_with(gap_mm[near] - first_mm, force_n)
+        with blas_threads(contact.nodes_at_once):
+            _, depth_mm = contact.press_with(gap_mm[near] - first_mm, force_n)
         if depth_mm < 0.8 * reach_mm:
             return first_mm + 1.2 * depth_mm
         reach_mm = max(2 * reach_mm, 1.3 * depth_mm) if depth_mm < MOST_UM else np.inf
@@ -221,13 +232,13 @@ def _too_deep(force_n: float) -> UsageError:
 
 
 @contextmanager
-def blas_threads(nodes: int, *, on_grid: bool = False) -> Iterator[None]:
-    """One thread of the BLAS while fewer than `_NODES_FOR_THREADS` `nodes` may touch, or `on_grid`.
+def blas_threads(nodes: int = 0) -> Iterator[None]:
+    """One thread of the BLAS while fewer than `_NODES_FOR_THREADS` `nodes` are solved together.
 
     The limit is that of the process: while several Python threads are inside, the first one
     sets it and the last one takes it back.
     """
-    if nodes >= _NODES_FOR_THREADS and not on_grid:
+    if nodes >= _NODES_FOR_THREADS:
         yield
         return
     _one_thread.enter()
@@ -246,12 +257,10 @@ class _OneThread:
 
     def enter(self) -> None:
         """Set the limit, unless it is set."""
-        from threadpoolctl import threadpool_limits
-
         with self._lock:
             self._inside += 1
             if self._inside == 1:
-                self._limit = threadpool_limits(1, user_api="blas")
+                self._limit = _blas_libraries().limit(limits=1, user_api="blas")
 
     def leave(self) -> None:
         """Take the limit back once nobody is inside."""
@@ -265,6 +274,15 @@ class _OneThread:
 _one_thread = _OneThread()
 
 
+@cache
+def _blas_libraries() -> "ThreadpoolController":
+    """The libraries of NumPy and SciPy with threads; finding them takes 6 ms, so once."""
+    import scipy.linalg  # noqa: F401 - its library is then loaded
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
 class ContactSolver:
     """Contact on a compliance, solved time after time from the last.
 
@@ -275,6 +293,11 @@ class ContactSolver:
         self._compliance = compliance
         self._set = _ActiveSet(compliance)
         self.exchanges = 0
+
+    @property
+    def nodes_at_once(self) -> int:
+        """Most nodes that are solved together, for `blas_threads`."""
+        return self._compliance.size
 
     @classmethod
     def on_nodes(

@@ -37,7 +37,7 @@ from fembridge.touching.pad import Pad, SkinNodes
 from fembridge.touching.relaxation import Relaxation, RelaxingContact, relaxation_of
 from fembridge.touching.shape import Shape
 from fembridge.touching.trajectory import PinArray, Trajectory
-from fembridge.typing import FloatArray, IntArray, SingleArray
+from fembridge.typing import BoolArray, FloatArray, IntArray, SingleArray
 
 # Levels at which contact is solved for a shape that goes in and out.
 LEVELS = 25
@@ -182,7 +182,9 @@ def _press_over_time(
         return np.broadcast_to(gap_mm[rows], (samples.size, rows.size))
 
     level, by_force = np.maximum(trajectory.level, 0.0), trajectory.by_force
-    steps = press_steps(nodes, gaps_at, gap_mm, level, by_force=by_force, **memory)
+    steps = press_steps(
+        nodes, gaps_at, lambda reach_mm: gap_mm < reach_mm, level, by_force=by_force, **memory
+    )
     samples = np.arange(level.size, dtype=np.float64)
     return ContactHistory(
         steps.nodes, steps.forces_n, steps.total_n, steps.depth_um, samples, samples
@@ -211,7 +213,9 @@ def _press_pins(
         return -overlap_um[:, rows] * MM_PER_UM
 
     level = np.zeros(trajectory.level.size)
-    steps = press_steps(nodes, gaps_at, nearest_um * MM_PER_UM, level, **memory)
+    steps = press_steps(
+        nodes, gaps_at, lambda reach_mm: nearest_um * MM_PER_UM < reach_mm, level, **memory
+    )
     samples = np.arange(level.size, dtype=np.float64)
     return ContactHistory(
         steps.nodes, steps.forces_n, steps.total_n, trajectory.level, samples, samples
@@ -242,24 +246,36 @@ def _slide(
     states = np.unique(np.append(samples[::stride], samples[-1]))
     x_mm, z_mm = trajectory.x_mm[states], trajectory.z_mm[states]
 
-    def gap_at(nodes: SkinNodes, step: int) -> SingleArray:
-        moved = shape.moved(float(x_mm[step]), float(z_mm[step]))
-        return nodes.gaps_mm(moved).astype(np.float32)
+    all_nodes = pad.skin_nodes()
+    seen_x_mm, seen_z_mm = all_nodes.seen_mm
+    skin_mm = all_nodes.height_mm
 
     def gaps_at(rows: IntArray, steps: IntArray) -> SingleArray:
-        nodes = all_nodes.subset(rows)
-        return np.stack([gap_at(nodes, step) for step in steps.tolist()])
+        at_x_mm, at_z_mm, height_mm = seen_x_mm[rows], seen_z_mm[rows], skin_mm[rows]
+        gaps = np.empty((steps.size, rows.size), dtype=np.float32)
+        for gap, step in zip(gaps, steps.tolist(), strict=True):
+            gap[:] = shape.height_mm(at_x_mm - x_mm[step], at_z_mm - z_mm[step]) - height_mm
+        return gaps
 
-    all_nodes = pad.skin_nodes()
-    nearest_mm = np.full(all_nodes.size, np.inf, dtype=np.float32)
-    for step in range(states.size):
-        np.minimum(nearest_mm, gap_at(all_nodes, step), out=nearest_mm)
+    def reached(reach_mm: float) -> BoolArray:
+        # Heights are at least 0: only this skin can be touched, and a texture soon touches most.
+        is_reached = np.zeros(all_nodes.size, dtype=bool)
+        rows = np.flatnonzero(-skin_mm < reach_mm)
+        order = np.argsort(np.arange(states.size) * 0.6180339887 % 1.0)
+        for step in order.tolist():
+            if not rows.size:
+                break
+            touched = gaps_at(rows, np.array([step]))[0] < reach_mm
+            is_reached[rows[touched]] = True
+            rows = rows[~touched]
+        return is_reached
+
     level = trajectory.level[states]
     try:
         steps = press_steps(
             all_nodes,
             gaps_at,
-            nearest_mm,
+            reached,
             level,
             by_force=trajectory.by_force,
             drag=(float(drag[0, 0]), float(drag[0, 1])) if is_straight else (0.0, 0.0),

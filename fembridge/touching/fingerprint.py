@@ -107,16 +107,48 @@ class Fingerprint:
         """
         if not self.height_mm:
             return np.zeros(np.broadcast(arc_mm, z_mm).shape)
-        phase, core_arc_mm, core_z_mm = np.random.default_rng(self.seed).uniform(-0.5, 0.5, 3)
-        away_mm = _DISTANCES[self.pattern](
-            arc_mm - 2 * _CORE_MM * core_arc_mm, z_mm - 2 * _CORE_MM * core_z_mm
-        )
-        turns = away_mm / self.period_mm + phase
+        turns = self._turns(arc_mm, z_mm)
         off_top = np.abs(turns - np.round(turns))
         half_top = 0.5 * self.top_share
         share = np.clip((off_top - half_top) / (0.5 - half_top), 0.0, 1.0)
         below: FloatArray = 0.5 * self.height_mm * (1 - np.cos(np.pi * share))
         return below
+
+    def across(self, arc_mm: float, z_mm: float) -> tuple[float, float]:
+        """Direction across the ridges at a position: a unit vector across and along the finger.
+
+        In the middle of a core, where there is none, it is along the finger.
+
+        Parameters
+        ----------
+        arc_mm, z_mm
+            Position along the skin across the finger, and along the finger, in mm.
+        """
+        step_mm = 1e-4 * np.array([1.0, -1.0])
+        slope = np.array(
+            [
+                np.diff(self._turns(arc_mm - step_mm, np.full(2, z_mm)))[0],
+                np.diff(self._turns(np.full(2, arc_mm), z_mm - step_mm))[0],
+            ]
+        )
+        length = float(np.hypot(*slope))
+        return (float(slope[0] / length), float(slope[1] / length)) if length > 0 else (0.0, 1.0)
+
+    @property
+    def sizes(self) -> str:
+        """Distance and height of the ridges, as a parameter set states them; ``none``: smooth."""
+        if not self.height_mm:
+            return NONE
+        top = f", tops {self.top_share:g}" if self.top_share else ""
+        return f"{self.period_mm:g} mm apart, {self.height_mm:g} mm high{top}"
+
+    def _turns(self, arc_mm: FloatArray, z_mm: FloatArray) -> FloatArray:
+        """Number of ridges from the core, whole on the tops."""
+        phase, core_arc_mm, core_z_mm = np.random.default_rng(self.seed).uniform(-0.5, 0.5, 3)
+        away_mm = _DISTANCES[self.pattern](
+            arc_mm - 2 * _CORE_MM * core_arc_mm, z_mm - 2 * _CORE_MM * core_z_mm
+        )
+        return np.asarray(away_mm / self.period_mm + phase, dtype=np.float64)
 
 
 def _loop_mm(arc_mm: FloatArray, z_mm: FloatArray) -> FloatArray:

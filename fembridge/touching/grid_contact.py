@@ -1,7 +1,8 @@
-"""Contact on a fine grid of ten thousand nodes: conjugate gradients on an active set.
+"""Contact on a fine grid of ten thousand nodes: conjugate gradients, or factors of few nodes.
 
 The problem is that of `fembridge.touching.contact`; here the compliance is an operator, applied by
-FFT (`GridCompliance`). As in Polonsky & Keer (1999, Wear 231:206) conjugate gradients improve the
+FFT (`GridCompliance`). From no contact on, and with many nodes in contact, as in Polonsky & Keer
+(1999, Wear 231:206) conjugate gradients improve the
 forces on the nodes in contact; whenever these are ten times as near to the shape, nodes that
 would be pulled leave and nodes inside the shape enter. A prescribed force is a constraint on the
 steps, whose multiplier is the depth.
@@ -10,6 +11,10 @@ Soft tissue under a stiff skin makes long waves 1000 times as compliant as short
 the gradients are preconditioned: a few hundred nodes in contact by their own compliance, so that
 two steps are enough; more of them on two levels, each node by itself, and those of each block of
 `_BLOCK` x `_BLOCK` as one.
+
+From one state of a touch to the next, a few hundred nodes in contact are solved directly
+(`_NearNodes`): a shape meets only the tops of ridges, so the compliance among all nodes that were
+ever in contact is a small matrix.
 """
 
 import numpy as np
@@ -35,11 +40,25 @@ _SAME_FORCE = 1e-4
 _FEW_NODES = 600
 # Friction is that of the forces before; from no contact on it is taken so many times.
 _FIRST_ROUNDS = 4
-# From no contact on, skin so far from the shape is taken to touch under a force, and each node
+# From no contact on, so many nodes touch at first, so many enter then, and so many touch at most.
+_FIRST_NODES, _FIRST_ENTRIES, _FIRST_MOST = 200, 64, 1_000
+# Then skin so far from the shape is taken to touch under a force, and each node
 # has so much force at least.
 _FIRST_MM, _LEAST_N = 0.05, np.float32(1e-6)
 # Weight of the compliance of single nodes beside that of blocks.
 _LOCAL = 0.5
+# Of few nodes: that share of a displacement, and the share of the mean force that is none.
+_NEAR_TOLERANCE, _NO_FORCE = 0.005, 0.0025
+# Exchanges of few nodes before conjugate gradients take over.
+_MOST_DIRECT = 30
+# A factor is bordered for so many nodes that entered or left, or this share of its nodes.
+_BORDER, _BORDER_SHARE = 8, 0.15
+# Nodes so near to the shape become near nodes; of more than so many only those in contact stay.
+_NEAR_MM, _MOST_NEAR = 0.02, 1_200
+# Nodes that may have come near, from which on the displacements of all are computed.
+_MANY_UNSURE = 100
+# Nodes of a block along both axes, of which one is a sample of displacements.
+_SAMPLE = 4
 
 
 class GridContactSolver:
@@ -55,7 +74,14 @@ class GridContactSolver:
         self._forces = np.zeros(self._shape, dtype=np.float32)
         self._moved = np.zeros(self._shape, dtype=np.float32)
         self._blocks = _Blocks(compliance)
+        self._near = _NearNodes(compliance)
+        self._has_moved = True
         self.steps = 0
+
+    @property
+    def nodes_at_once(self) -> int:
+        """Most nodes that are solved together, for `fembridge.touching.contact.blas_threads`."""
+        return _FIRST_MOST
 
     def press_by(
         self, gap_mm: FloatArray, level: float, *, by_force: bool
@@ -80,23 +106,48 @@ class GridContactSolver:
         return self._compliance.moved_mm(np.arange(force.size), force)
 
     def _solve(self, gap_mm: FloatArray, force_n: float | None) -> tuple[FloatArray, float]:
-        gap = np.full(self._shape, np.inf, dtype=np.float32)
-        gap.flat[self._at] = gap_mm
+        gap: SingleArray = np.asarray(gap_mm, dtype=np.float32)
         possible = np.isfinite(gap)
+        if not possible.all():
+            gap = np.where(possible, gap, np.float32(0))
         if force_n is None:
             possible &= gap < 0
         if not possible.any():
             self._forces[:] = self._moved[:] = 0.0
-            return np.zeros(gap_mm.size), 0.0
-        gap[~np.isfinite(gap)] = 0.0
+            self._near.clear()
+            return np.zeros(gap.size), 0.0
+        near = self._near
+        begin = near.solve if near.is_loaded or self._forces.any() else near.start
+        depth_mm = begin(gap, possible, force_n)
+        if depth_mm is not None:
+            self._has_moved = False
+            pressed = self._near.pressed_n()
+        else:
+            if self._near.is_loaded:
+                self._forces.flat[self._at] = self._near.pressed_n()
+            pressed, depth_mm = self._improve(gap, possible, force_n)
+            self._near.restart(self._forces, self._moved)
+        if force_n is not None:
+            pressed *= force_n / pressed.sum()
+        return pressed, depth_mm
+
+    def _improve(
+        self, gap_mm: SingleArray, possible_nodes: BoolArray, force_n: float | None
+    ) -> tuple[FloatArray, float]:
+        """Forces by conjugate gradients, and the depth."""
+        gap = np.zeros(self._shape, dtype=np.float32)
+        possible = np.zeros(self._shape, dtype=bool)
+        gap.flat[self._at], possible.flat[self._at] = gap_mm, possible_nodes
         forces, drag_moved_mm = self._forces, self._compliance.drag_moved_mm
         has_left = forces[~possible].any()
         forces[~possible] = 0.0
         is_first = not forces.any()
         if is_first:
             forces[:] = self._blocks.first_forces(gap, possible, force_n)
-        if is_first or has_left:
+        if is_first or has_left or not self._has_moved:
             self._moved[:] = self._compliance.apply_mm(forces)
+            self._has_moved = True
+        depth_mm = 0.0
         if is_first:  # forces from which friction can be taken
             depth_mm = self._gradients(gap, possible, force_n)
         for _ in range(_FIRST_ROUNDS if is_first else 1):
@@ -106,8 +157,6 @@ class GridContactSolver:
             elif not is_first:
                 depth_mm = self._gradients(gap, possible, force_n)
         pressed: FloatArray = forces.ravel()[self._at].astype(np.float64)
-        if force_n is not None:
-            pressed *= force_n / pressed.sum()
         return pressed, depth_mm
 
     def _gradients(self, gap: SingleArray, possible: BoolArray, force_n: float | None) -> float:
@@ -166,6 +215,325 @@ class GridContactSolver:
             forces += rate * direction
             moved += rate * change
         return depth, worst
+
+
+class _NearNodes:
+    """Nodes that were in contact or near it, with the compliance among them; solved directly.
+
+    A primal-dual active set: the nodes in contact follow the shape exactly, by the Cholesky factor
+    of their compliance; those that would be pulled leave, those inside the shape enter. For a few
+    that entered or left the factor is bordered instead of made anew.
+
+    Other nodes, the far ones, are not solved in each step. A far node has risen, since the
+    operator was last applied to all nodes, by no more than the near nodes and samples within a
+    block of it: a sample is a node in each block of `_SAMPLE` x `_SAMPLE`. Where that does not show
+    that it is off the shape, it becomes a near one; for many, the operator is applied again first.
+    """
+
+    def __init__(self, compliance: GridCompliance) -> None:
+        self._compliance = compliance
+        block = np.stack(np.divmod(compliance.at, compliance.shape[1])) // _SAMPLE + 1
+        counts = block.max(axis=1) + 2  # with a margin around
+        self._block: IntArray = block[0] * counts[1] + block[1]
+        self._counts = int(counts[0]), int(counts[1])
+        self._samples = np.unique(self._block, return_index=True)[1]
+        # Compliance of near nodes, with room for more, and with friction its displacements:
+        # (node, force), and of the samples (force, sample).
+        kinds = 2 if compliance.has_drag else 1
+        self._store: SingleArray = np.empty((kinds, 0, 0), dtype=np.float32)
+        self._sample_store: SingleArray = np.empty((kinds, 0, self._samples.size), dtype=np.float32)
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all nodes: nothing is in contact."""
+        empty = np.zeros(0, dtype=np.float32)
+        self._rows: IntArray = np.zeros(0, dtype=np.int64)
+        self._is_far: BoolArray = np.ones(self._compliance.size, dtype=bool)
+        self._force = self._moved = empty
+        self._factor = _BorderedFactor()
+        # Displacements of all nodes when they were last computed.
+        self._all_mm = empty
+        self._limit_mm = self._depth_mm = 0.0
+        self.is_loaded = False
+
+    def restart(self, forces: SingleArray, moved: SingleArray) -> None:
+        """Take `forces` on the window, and displacements under them, for the next step."""
+        self.clear()
+        at = self._compliance.at
+        on_nodes = forces.ravel()[at]
+        rows = np.flatnonzero(on_nodes > 0)
+        if not 0 < rows.size <= _FEW_NODES:
+            return
+        self._add(rows)
+        self._force[:] = on_nodes[rows]
+        self._all_mm = self._with_drag(moved, forces).ravel()[at]
+        self.is_loaded = True
+
+    def start(self, gap: SingleArray, possible: BoolArray, force_n: float | None) -> float | None:
+        """Depth in mm of the first state, as of `solve`.
+
+        The nodes nearest to the shape are taken to touch; of those that are then inside the shape
+        the deepest enter, more each time (decision 0045).
+        """
+        self.clear()
+        least_mm = float(gap[possible].min())
+        reach_mm = least_mm + _FIRST_MM if force_n is not None else 0.5 * least_mm
+        rows = np.flatnonzero(possible & (gap < reach_mm))
+        self._add(_least(rows, gap, _FIRST_NODES))
+        self._force[:] = 1.0
+        last, most, depth = np.zeros_like(self._force), _FIRST_ENTRIES, 0.0
+        for _ in range(_FIRST_ROUNDS if self._compliance.has_drag else 1):
+            for _ in range(_MOST_DIRECT):
+                drag_mm = self._drag @ last if self._compliance.has_drag else np.float32(0)
+                near_gap = gap[self._rows] + drag_mm
+                solved = self._exchange(near_gap, possible[self._rows], force_n, _FIRST_MOST)
+                if solved is None:
+                    self.clear()
+                    return None
+                depth = solved
+                self._move_all(last)
+                away_mm = self._all_mm + gap - np.float32(depth)
+                rows = np.flatnonzero(possible & self._is_far & (away_mm < -self._limit_mm))
+                if not rows.size:
+                    break
+                last = np.append(last, self._add(_least(rows, away_mm, most)))
+                most += most // 2
+            last = self._force.copy()
+        self.is_loaded = True
+        return depth
+
+    def pressed_n(self) -> FloatArray:
+        """Forces on all nodes in N, ``(n,)``."""
+        pressed = np.zeros(self._compliance.size)
+        pressed[self._rows] = self._force
+        return pressed
+
+    def solve(self, gap: SingleArray, possible: BoolArray, force_n: float | None) -> float | None:
+        """Depth in mm of the next state; None if it has to be solved by conjugate gradients.
+
+        `gap` is ``(n,)``. Forces are then those before.
+        """
+        if not self.is_loaded:
+            return None
+        if self._rows.size > _MOST_NEAR:
+            self._focus()
+        last = self._force.copy()
+        for _ in range(_MOST_DIRECT):
+            drag_mm = self._drag @ last if self._compliance.has_drag else np.float32(0)
+            near_gap = gap[self._rows] + drag_mm
+            depth = self._exchange(near_gap, possible[self._rows], force_n)
+            if depth is None:
+                break
+            far = possible & self._is_far
+            rows = np.flatnonzero(
+                far & (self._all_mm + gap < depth + self._risen_mm(drag_mm, last))
+            )
+            if rows.size > _MANY_UNSURE:
+                self._move_all(last)
+                rows = np.flatnonzero(far & (self._all_mm + gap < depth + _NEAR_MM))
+            if not rows.size:
+                return depth
+            last = np.append(last, self._add(rows))
+            moved = self._entries[-rows.size :] @ self._force
+            self._moved = np.append(self._moved, moved)
+            if self._compliance.has_drag:
+                moved = moved + self._drag[-rows.size :] @ last
+            if (moved + gap[rows] >= depth - self._limit_mm).all():
+                return depth
+        self._force = last[: self._force.size]
+        return None
+
+    def _risen_mm(self, drag_mm: SingleArray | np.float32, last: SingleArray) -> SingleArray:
+        """How far each node has risen at most since all were computed, about, ``(n,)``."""
+        count = self._rows.size
+        of_samples = self._force @ self._sample_store[0, :count]
+        if self._compliance.has_drag:
+            of_samples += last @ self._sample_store[1, :count]
+        risen = np.zeros(self._counts, dtype=np.float32)
+        risen.flat[self._block[self._samples]] = self._all_mm[self._samples] - of_samples
+        of_near = self._all_mm[self._rows] - (self._moved + drag_mm)
+        np.maximum.at(risen.reshape(-1), self._block[self._rows], of_near)
+        for axis in range(2):  # the largest of each block and those around it
+            around = np.swapaxes(risen, 0, axis)
+            middle = np.maximum(around[:-2], around[2:])
+            np.maximum(around[1:-1], middle, out=around[1:-1])
+        return risen.ravel()[self._block]
+
+    def _exchange(
+        self,
+        gap: SingleArray,
+        possible: BoolArray,
+        force_n: float | None,
+        most: int = _FEW_NODES,
+    ) -> float | None:
+        """Solve the near nodes; their depth, None if more than `most` touch, or none."""
+        force, own_mm = self._force, self._compliance.own_mm
+        active = possible & (force > 0)
+        if self._moved.size == force.size:
+            # As if each node moved by itself: those where an edge of the shape has come or gone.
+            pushed_n = force - (self._moved + gap - np.float32(self._depth_mm)) / own_mm
+            predicted = possible & (pushed_n > self._limit_mm / own_mm * (force <= 0))
+            active = predicted if predicted.any() else active
+        for _ in range(_MOST_DIRECT):
+            rows = np.flatnonzero(active)
+            if not 0 < rows.size <= most:
+                return None
+            solved = self._factor.solve(self._entries, rows, gap, force_n)
+            if solved is None:
+                return None
+            in_contact, depth = solved
+            force[:] = 0.0
+            force[rows] = in_contact
+            if 3 * rows.size < force.size:
+                self._moved = in_contact @ self._entries[rows]
+            else:
+                self._moved = self._entries @ force
+            mean_n = (float(in_contact.sum()) if force_n is None else force_n) / rows.size
+            self._limit_mm = _NEAR_TOLERANCE * own_mm * max(mean_n, 1e-9)
+            leaving = force < -_NO_FORCE * mean_n
+            inside = possible & ~active & (self._moved + gap < depth - self._limit_mm)
+            if not (leaving.any() or inside.any()):
+                np.maximum(force, 0.0, out=force)
+                self._depth_mm = depth
+                return depth
+            active = (active & (force > 0)) | inside
+        return None
+
+    def _add(self, rows: IntArray) -> SingleArray:
+        """Take further nodes in; their forces, 0."""
+        compliance, first, end = self._compliance, self._rows.size, self._rows.size + rows.size
+        self._is_far[rows] = False
+        self._rows = np.concatenate([self._rows, rows])
+        self._reserve(end)
+        pairs = [(compliance.entries_mm, self._store[0], self._sample_store[0])]
+        if compliance.has_drag:
+            pairs.append((compliance.drag_entries_mm, self._store[1], self._sample_store[1]))
+        for entries_mm, table, of_samples in pairs:
+            table[first:end, :end] = entries_mm(rows, self._rows)
+            table[:first, first:end] = entries_mm(self._rows[:first], rows)
+            of_samples[first:end] = entries_mm(self._samples, rows).T
+        none = np.zeros(rows.size, dtype=np.float32)
+        self._force = np.concatenate([self._force, none])
+        return none
+
+    def _reserve(self, count: int) -> None:
+        """Make room for tables of `count` near nodes."""
+        room = self._store.shape[1]
+        if count > room:
+            larger, kinds = max(count, 3 * room // 2), len(self._store)
+            store = np.empty((kinds, larger, larger), dtype=np.float32)
+            store[:, :room, :room] = self._store
+            of_samples = np.empty((kinds, larger, self._samples.size), dtype=np.float32)
+            of_samples[:, :room] = self._sample_store
+            self._store, self._sample_store = store, of_samples
+
+    @property
+    def _entries(self) -> SingleArray:
+        """Compliance of the near nodes, ``(node, force)``."""
+        return self._store[0, : self._rows.size, : self._rows.size]
+
+    @property
+    def _drag(self) -> SingleArray:
+        """Displacement of the near nodes by the friction of others, ``(node, force)``."""
+        return self._store[1, : self._rows.size, : self._rows.size]
+
+    def _focus(self) -> None:
+        """Let all nodes go that are not in contact."""
+        self._move_all(self._force)
+        all_mm, in_contact = self._all_mm, self._force > 0
+        rows, force = self._rows[in_contact], self._force[in_contact]
+        self.clear()
+        self._add(rows)
+        self._force[:], self._all_mm, self.is_loaded = force, all_mm, True
+
+    def _move_all(self, last: SingleArray) -> None:
+        """Displacements of all nodes, with friction by the forces before."""
+        compliance = self._compliance
+        now, before = np.zeros((2, *compliance.shape), dtype=np.float32)
+        now.flat[compliance.at[self._rows]] = self._force
+        before.flat[compliance.at[self._rows]] = last
+        moved = self._with_drag(compliance.apply_mm(now), before)
+        self._all_mm = moved.ravel()[compliance.at]
+
+    def _with_drag(self, moved: SingleArray, forces: SingleArray) -> SingleArray:
+        by_drag = self._compliance.drag_moved_mm(forces)
+        return moved if by_drag is None else moved + by_drag
+
+
+def _least(rows: IntArray, values: SingleArray, most: int) -> IntArray:
+    """Those `rows` whose `values` are least, `most` at most."""
+    if rows.size <= most:
+        return rows
+    return rows[np.argpartition(values[rows], most)[:most]]
+
+
+class _BorderedFactor:
+    """Cholesky factor of the compliance of some nodes, bordered for others.
+
+    Nodes that entered are further unknowns; a node that left has a force that makes its own 0::
+
+        C f + J y = b,   J' f + D y = c
+
+    J has the columns of nodes that entered, and a unit vector for each that left.
+    """
+
+    def __init__(self) -> None:
+        self._rows: IntArray = np.zeros(0, dtype=np.int64)
+        self._factor: SingleArray = np.zeros((0, 0), dtype=np.float32)
+
+    def solve(
+        self, entries: SingleArray, rows: IntArray, gap: SingleArray, force_n: float | None
+    ) -> tuple[SingleArray, float] | None:
+        """Forces on `rows` that take them to the shape, and the depth; None if not positive.
+
+        The depth is 0 where no force is prescribed.
+        """
+        from scipy.linalg.lapack import spotrf, spotrs
+
+        number = np.full(len(entries), -1)
+        number[rows] = np.arange(rows.size)
+        known = self._rows
+        stays = number[known] >= 0
+        left = np.flatnonzero(~stays)
+        is_entering = np.ones(rows.size, dtype=bool)
+        is_entering[number[known[stays]]] = False
+        entering = rows[is_entering]
+        border = entering.size + left.size
+        if border > max(_BORDER, _BORDER_SHARE * known.size) or not known.size:
+            self._factor, problem = spotrf(entries[rows][:, rows].T, lower=1, overwrite_a=1)
+            if problem:
+                self._rows = rows[:0]
+                return None
+            known = self._rows = rows
+            border = 0
+        columns = 1 if force_n is None else 2
+        right = np.zeros((known.size, columns + border), dtype=np.float32, order="F")
+        if columns == 2:
+            right[:, 1] = 1.0
+        right[:, 0] = -gap[known]
+        if border:
+            last = columns + entering.size
+            right[:, columns:last] = entries[entering][:, known].T
+            right[left, last + np.arange(left.size)] = 1.0
+            beside = right[:, columns:].copy()
+        solution, _ = spotrs(self._factor, right, lower=1, overwrite_b=1)
+        found = solution[:, :columns]
+        if border:
+            further = np.zeros((border, columns), dtype=np.float32)
+            further[: entering.size, 1:] = 1.0
+            further[: entering.size, 0] = -gap[entering]
+            corner = beside.T @ solution[:, columns:]
+            corner[: entering.size, : entering.size] -= entries[entering][:, entering]
+            y = np.linalg.solve(corner, beside.T @ found - further)
+            bordered = found - solution[:, columns:] @ y
+            found = np.empty((rows.size, columns), dtype=np.float32)
+            found[number[known[stays]]] = bordered[stays]
+            found[is_entering] = y[: entering.size]
+        if force_n is None:
+            return found[:, 0], 0.0
+        of_gap, of_depth = found.sum(axis=0, dtype=np.float64)
+        depth = float((force_n - of_gap) / of_depth)
+        return found[:, 0] + np.float32(depth) * found[:, 1], depth
 
 
 class _Blocks:

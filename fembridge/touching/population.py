@@ -4,16 +4,21 @@ Positions are on the skin, x across and z along the finger, seen from above; a u
 `depth_mm` below its position, along the normal of the skin. Densities are those of human
 fingertips in TouchSim (Saal et al. 2017, after Johansson & Vallbo 1979), on a jittered
 lattice.
+
+The fibre of an SA or RA unit branches: its most sensitive ending is at the position of the unit,
+less sensitive ones lie around it at random. Each unit has a number, `endings_seed`, from which its
+endings are drawn, so that it keeps them in every selection, table and process (decision 0060).
 """
 
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
+from zlib import crc32
 
 import numpy as np
 
@@ -31,23 +36,28 @@ from fembridge.typing import BoolArray, FloatArray, IntArray, Table
 
 if TYPE_CHECKING:
     import pandas
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
 COLUMNS = ("unit", "afferent", "x_mm", "z_mm", "depth_mm")
 # Units a square centimetre of fingertip.
 DENSITY_CM2: Mapping[str, float] = {"SA": 70.0, "RA": 140.0, "PC": 25.0}
 _MM_PER_CM = 10.0
-# Fibres that branch in the skin: around the ending at their place they have others that are
-# less sensitive. A Pacinian corpuscle is one ending. Chosen by receptive fields, decision 0039.
+# Fibres that branch in the skin. A Pacinian corpuscle is one ending.
 BRANCHED = ("SA", "RA")
-ENDINGS_MM = 1.2
-OTHERS, OTHERS_SHARE = 8, 0.5
+# Chosen by receptive fields and gaps, decision 0060: radius of the area of a unit's endings; their
+# number; and of all but the most sensitive ending, which is in the middle and has 1, the least
+# distance from it as a share of the radius and the range of sensitivities.
+ENDINGS_MM = 1.6
+_FEWEST_ENDINGS, _MOST_ENDINGS = 4, 10
+_LEAST_DISTANCE = 0.45
+_LEAST_SENSITIVITY, _LARGEST_SENSITIVITY = 0.4, 0.8
 _MOST_UNITS = 200_000
 _RANGES: Mapping[str, Range] = {
     "x_mm": Range(-1000, 1000),
     "z_mm": Range(-1000, 1000),
     "depth_mm": Range(0, 100),
     "deviate": Range(-20, 20),
+    "endings_seed": Range(0, 2**53, is_whole=True),
 }
 
 
@@ -71,12 +81,15 @@ class Population:
         Sensitivity, ``(U,)``: a unit of deviate q needs ``exp(spread q)`` times the stress of
         the median unit of its class; the spread is that of the neural parameters.
     endings_mm
-        Distance in mm from the central ending of an SA or RA unit to eight further endings of
-        half its sensitivity; the ending with the largest drive counts. 0: a single ending.
-        Default: 1.2.
+        An SA or RA unit has 4 to 10 endings: the most sensitive at its position, the others,
+        with 0.4 to 0.8 of its sensitivity, around it at random, up to this distance in mm. The
+        ending with the largest drive counts. 0: a single ending. Default: 1.6.
     sa_von_mises
         Whether SA units respond to von Mises stress, as in the paper, instead of compression
         and stretch, see `fembridge.touching.stress`. Default: False.
+    endings_seed
+        Whole numbers from 0 to 2^53 from which the endings of each unit are drawn, ``(U,)``.
+        Default: the CRC-32 of each name.
 
     Raises
     ------
@@ -100,9 +113,12 @@ class Population:
     deviate: FloatArray
     endings_mm: float = ENDINGS_MM
     sa_von_mises: bool = False
+    endings_seed: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def __post_init__(self) -> None:
         check_range("endings_mm", self.endings_mm)
+        if not np.size(self.endings_seed):
+            object.__setattr__(self, "endings_seed", [crc32(name.encode()) for name in self.unit])
         if not self.unit:
             raise UsageError(
                 "has no unit on this skin; one_each has one of each class under the middle",
@@ -130,6 +146,9 @@ class Population:
                     argument=argument,
                 )
             is_outside = ~((values >= limits.low) & (values <= limits.high))
+            if limits.is_whole:
+                is_outside |= values != np.floor(values)
+                object.__setattr__(self, argument, np.where(is_outside, 0, values).astype(np.int64))
             if is_outside.any():
                 row = int(is_outside.argmax())
                 raise UsageError(
@@ -165,6 +184,7 @@ class Population:
             z_mm=self.z_mm[numbers],
             depth_mm=self.depth_mm[numbers],
             deviate=self.deviate[numbers],
+            endings_seed=self.endings_seed[numbers],
         )
 
     def __add__(self, other: "Population") -> "Population":
@@ -184,22 +204,36 @@ class Population:
             z_mm=np.concatenate([self.z_mm, other.z_mm]),
             depth_mm=np.concatenate([self.depth_mm, other.depth_mm]),
             deviate=np.concatenate([self.deviate, other.deviate]),
+            endings_seed=np.concatenate([self.endings_seed, other.endings_seed]),
         )
 
     def __len__(self) -> int:
         return len(self.unit)
 
     def endings(self) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-        """Unit of each ending, rising, its position x and z in mm, and sensitivity, ``(E,)``."""
+        """Unit of each ending, rising, its position x and z in mm, and sensitivity, ``(E,)``.
+
+        The first ending of a unit is at its position and has sensitivity 1.
+        """
         branched = np.isin(self.afferent, BRANCHED) & (self.endings_mm > 0)
-        unit = np.repeat(np.arange(len(self)), np.where(branched, 1 + OTHERS, 1))
+        if not branched.any():
+            return np.arange(len(self)), self.x_mm, self.z_mm, np.ones(len(self))
+        number, turn, *drawn = _uniform_numbers(self.endings_seed, 2 + 3 * _MOST_ENDINGS).T
+        span = _MOST_ENDINGS - _FEWEST_ENDINGS + 1
+        count = np.where(branched, _FEWEST_ENDINGS + (span * number).astype(np.int64), 1)
+        unit = np.repeat(np.arange(len(self)), count)
         nth = np.arange(unit.size) - np.searchsorted(unit, unit)
-        angle, away_mm = nth * 2 * np.pi / OTHERS, self.endings_mm * (nth > 0)
+        area, jitter, level = np.array(drawn).reshape(3, _MOST_ENDINGS, -1)[:, nth - 1, unit]
+        # Each of the others lies in a sector of its own, anywhere on the ring.
+        angle = 2 * np.pi * (turn[unit] + (nth - jitter) / np.maximum(count[unit] - 1, 1))
+        inner = _LEAST_DISTANCE**2
+        away_mm = self.endings_mm * np.sqrt(inner + (1 - inner) * area) * (nth > 0)
+        sensitivity = _LEAST_SENSITIVITY + (_LARGEST_SENSITIVITY - _LEAST_SENSITIVITY) * level
         return (
             unit,
             self.x_mm[unit] + away_mm * np.cos(angle),
             self.z_mm[unit] + away_mm * np.sin(angle),
-            np.where(nth > 0, OTHERS_SHARE, 1.0),
+            np.where(nth > 0, sensitivity, 1.0),
         )
 
     def with_endings(self, endings_mm: float, *, sa_von_mises: bool = False) -> "Population":
@@ -208,7 +242,7 @@ class Population:
         Parameters
         ----------
         endings_mm
-            Distance in mm of the further endings of SA and RA units; 0: a single ending.
+            Radius in mm of the area of the endings of an SA or RA unit; 0: a single ending.
         sa_von_mises
             Whether SA units respond to von Mises stress. Default: False.
         """
@@ -227,10 +261,10 @@ class Population:
         }
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Table ``unit, afferent, x_mm, z_mm, depth_mm, deviate``, a row a unit."""
+        """Table ``unit, afferent, x_mm, z_mm, depth_mm, deviate, endings_seed``, a row a unit."""
         import pandas
 
-        names = (*COLUMNS, "deviate")
+        names = (*COLUMNS, "deviate", "endings_seed")
         return pandas.DataFrame({name: np.array(getattr(self, name)) for name in names})
 
     def write(self, path: Path | str) -> None:
@@ -254,7 +288,7 @@ class Population:
         Parameters
         ----------
         seed
-            Seed of positions and sensitivities, a whole number >= 0. Default: 0.
+            Seed of positions, sensitivities and endings, a whole number >= 0. Default: 0.
         density
             Multiple of the human densities, up to 100. Default: 1.
         finger
@@ -310,6 +344,7 @@ class Population:
             deviates.append(rng.standard_normal(count))
         x_mm, z_mm = np.concatenate(places).T
         units = cls.at(afferent, x_mm, z_mm, deviate=np.concatenate(deviates), finger=finger)
+        units = replace(units, endings_seed=rng.integers(2**32, size=len(units)))
         if not isinstance(finger, Pad):
             return units
         beside = [margin.rows for margin in finger.margins(x_mm, z_mm)]  # the skin is no rectangle
@@ -409,7 +444,8 @@ class Population:
         ----------
         table
             A DataFrame or the path of a CSV file. Optional columns are ``unit``, the name;
-            ``depth_mm``, else the depth of the class in `finger`; and ``deviate``, else 0.
+            ``depth_mm``, else the depth of the class in `finger`; ``deviate``, else 0; and
+            ``endings_seed``, else the endings of a unit are drawn from its name.
         finger
             Finger with the layers of the classes: ``"quick"``, ``"paper"``, the path of a TOML
             file, a `Finger`, or a `Pad`. Default: None, ``"quick"``.
@@ -419,7 +455,8 @@ class Population:
         TableError
             Not such a table, with the line; an unknown column; a name twice.
         """
-        rows = read_table(table, ("afferent", "x_mm", "z_mm"), ("unit", "depth_mm", "deviate"))
+        optional = ("unit", "depth_mm", "deviate", "endings_seed")
+        rows = read_table(table, ("afferent", "x_mm", "z_mm"), optional)
         if not rows.size:
             raise TableError("a header and no rows, expected units", rows.path)
         _check_count(rows.size)
@@ -429,7 +466,7 @@ class Population:
             import pandas
 
             rows.refuse_duplicates(pandas.DataFrame({"unit": unit}))
-        return cls.at(
+        units = cls.at(
             rows.choices("afferent", AFFERENTS).tolist(),
             rows.numbers("x_mm"),
             rows.numbers("z_mm"),
@@ -438,6 +475,9 @@ class Population:
             finger,
             unit.tolist(),
         )
+        if "endings_seed" not in columns:
+            return units
+        return replace(units, endings_seed=rows.numbers("endings_seed"))
 
     @classmethod
     def at(
@@ -628,6 +668,25 @@ def _site(afferent: str, finger: Finger | Pad) -> Site:
     if site is None:
         raise UsageError(f"afferent {afferent!r}, expected one of {', '.join(SITES)}")
     return site
+
+
+def _uniform_numbers(seed: IntArray, count: int) -> FloatArray:
+    """Numbers from 0 to 1 ``(seed, count)``, of each seed the same everywhere: SplitMix64.
+
+    Steele, Lea & Flood (2014), Fast splittable pseudorandom number generators. The state is
+    mixed twice, since seeds may be consecutive.
+    """
+
+    def mixed(bits: "NDArray[np.uint64]") -> "NDArray[np.uint64]":
+        for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+            bits = (bits ^ (bits >> np.uint64(shift))) * np.uint64(factor)
+        return bits ^ (bits >> np.uint64(31))
+
+    golden = np.uint64(0x9E3779B97F4A7C15)
+    step = golden * np.arange(1, count + 1, dtype=np.uint64)
+    first = mixed(seed.astype(np.uint64) + golden)
+    numbers = mixed(first[:, None] + step) >> np.uint64(11)
+    return np.asarray(numbers * 2.0**-53, dtype=np.float64)
 
 
 def _steps(half_mm: float, step_mm: float) -> FloatArray:

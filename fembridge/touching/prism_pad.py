@@ -377,8 +377,9 @@ class PrismPad(Pad):
 
     @property
     def mechanics(self) -> dict[str, str]:
-        """Name and digest of the finger."""
-        return finger_id(self.model_table)
+        """Name and digest of the finger; ``ridges`` is ``none`` where it has none of its own."""
+        ridges = {} if self.plane or self.finger.ridges.height_mm else {"ridges": "none"}
+        return {**finger_id(self.model_table), **ridges}
 
     @property
     def model_table(self) -> dict[str, Any]:

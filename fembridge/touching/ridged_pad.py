@@ -67,6 +67,11 @@ class RidgedPad(PrismPad):
         return self.smooth_pad
 
     @property
+    def mechanics(self) -> dict[str, str]:
+        """Name and digest of the finger, and sizes of the ridges."""
+        return {**self.smooth_pad.mechanics, "ridges": self.fingerprint.sizes}
+
+    @property
     def remedy_for_narrow(self) -> str:
         """Finer nodes, for a message."""
         return "a finer grid (--ridges loop:node_mm=0.0625)"
@@ -107,14 +112,15 @@ class RidgedPad(PrismPad):
 
     def compliance_of(self, nodes: LatticeNodes, drag: tuple[float, float]) -> Compliance:
         """How far each of `nodes` goes into the skin under 1 N on each, see `PrismPad`."""
-        dragged = None
+        dragged, drag_table_mm = None, None
+        grid = self.grid
         if any(drag):
             sideways, _, axial = self.smooth_pad.lattice_compliance
             dragged = (
                 drag[0] * sideways + drag[1] * axial,
                 drag[0] * sideways - drag[1] * axial,
             )
-        grid = self.grid
+            drag_table_mm = grid.drag_table_mm(drag)
         return GridCompliance(
             grid.kernel_mm,
             grid.rest_mm,
@@ -124,6 +130,7 @@ class RidgedPad(PrismPad):
             nodes.column,
             nodes.row,
             dragged,
+            drag_table_mm,
         )
 
     # ---- Stress
@@ -275,14 +282,39 @@ class _Grid:
     @cached_property
     def table_mm(self) -> SingleArray:
         """C by columns of force and node and the rows between, ``(C, C, R)``, single precision."""
-        rest = np.einsum("cf,fnj,dn->cdj", self.across, self.rest_mm, self.across, optimize=True)
-        even = np.concatenate([rest[..., 1:2], rest], axis=-1)
-        rows = np.arange(self.kernel_mm.shape[1])
-        along = interpolation_weights(1 + rows / self.parts, even.shape[-1])
         column = np.arange(self.arc_mm.size)
         near = self.kernel_mm[np.abs(column[:, None] - column)]
-        table: SingleArray = (near + even @ along.T).astype(np.float32)
+        table: SingleArray = (near + self._on_grid(self.rest_mm, 1)).astype(np.float32)
         return table
+
+    @cached_property
+    def _drag_tables_mm(self) -> SingleArray:
+        """Displacement under 1 N along x and along z, ``(2, force, node, rows apart)``."""
+        sideways, _, axial = self.pad.lattice_compliance
+        tables = [self._on_grid(sideways, 1), self._on_grid(axial, -1)]
+        return np.stack(tables).astype(np.float32)
+
+    def drag_table_mm(self, drag: tuple[float, float]) -> SingleArray:
+        """Displacement by friction, of nodes ahead of a force and behind it, see `GridCompliance`.
+
+        `drag` is the force along x and z that comes with 1 N into the skin.
+        """
+        sideways, axial = (
+            np.float32(share) * table
+            for share, table in zip(drag, self._drag_tables_mm, strict=True)
+        )
+        return np.stack([sideways + axial, sideways - axial])
+
+    def _on_grid(self, table: FloatArray, flip: int) -> FloatArray:
+        """A table ``(force, node, apart)`` of the pad's nodes, for those of the grid.
+
+        Behind a force it is `flip` times that ahead.
+        """
+        fine = np.einsum("cf,fnj,dn->cdj", self.across, table, self.across, optimize=True)
+        around = np.concatenate([flip * fine[..., 1:2], fine], axis=-1)
+        rows = np.arange(2 * self.parts * self.pad.end_row + 1)
+        along = interpolation_weights(1 + rows / self.parts, around.shape[-1])
+        return np.asarray(around @ along.T)
 
 
 _grid = lru_cache(maxsize=4)(_Grid)

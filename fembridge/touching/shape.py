@@ -60,6 +60,9 @@ _TABLE_PIXEL_BYTES, _LETTER_PIXEL_BYTES = 72, 64
 _MAX_HEIGHT_MM = 1e5
 _ROWS_PER_BLOCK, _CELLS_PER_BLOCK = 256, 1 << 16
 _TABLE_SUFFIXES = (".csv", ".txt")
+# A file of heights with its sizes, as a specification.
+_FILE_WITH_SIZES = re.compile(r"(.+\.(?:png|csv|txt)):([^/\\]*)", re.IGNORECASE)
+_NO_SIZE = math.nan
 _BLANKS = b" \t\r\n"
 # Python's float accepts underscores, control characters and other scripts, no table has them.
 # The second is of tables whose cells are separated by tabs.
@@ -511,6 +514,8 @@ def resolve_shape(
 ) -> Shape:
     """The shape of a specification such as ``sphere:diameter_mm=4``, or of a file of heights.
 
+    ``map.png:pixel_mm=0.05,tile=true`` is a file with its sizes.
+
     Parameters
     ----------
     shape
@@ -540,6 +545,20 @@ def resolve_shape(
             )
         return Shape.read(path, pixel_mm, 0.5 if relief_mm is None else relief_mm, tile=tile)
 
+    def heights(
+        pixel_mm: float = _NO_SIZE, relief_mm: float = _NO_SIZE, *, tile: bool = False
+    ) -> Shape:
+        return resolve_shape(
+            path, *(None if size is _NO_SIZE else size for size in (pixel_mm, relief_mm)), tile=tile
+        )
+
+    if isinstance(shape, str) and (found := _FILE_WITH_SIZES.fullmatch(shape)):
+        path, settings = found.groups()
+        unused = {"pixel_mm": pixel_mm, "relief_mm": relief_mm, "tile": tile or None}
+        for argument, value in unused.items():
+            if value is not None:
+                raise UsageError("is part of the shape", argument=argument, found=value)
+        return from_specification(f"heights:{settings}", "shape", {"heights": heights})
     if not isinstance(shape, Shape | str):
         raise UsageError(argument="shape", found=shape, expected="a Shape, a text or a path")
     if isinstance(shape, Shape) or shape.partition(":")[0] in SHAPES:
@@ -597,7 +616,7 @@ def _grating_height(
     x: FloatArray, z: FloatArray, groove_mm: float, ridge_mm: float, relief_mm: float
 ) -> FloatArray:
     period_mm = groove_mm + ridge_mm
-    off_mm = np.abs((z + 0.5 * period_mm) % period_mm - 0.5 * period_mm)
+    off_mm = np.abs(_off_lattice(z, period_mm, 0))
     return _raised(0.5 * groove_mm - off_mm + 0.0 * x, relief_mm)
 
 
@@ -611,7 +630,8 @@ def _dots_height(
     rows: int,
 ) -> FloatArray:
     off_x, off_z = _off_lattice(x, spacing_mm, columns), _off_lattice(z, spacing_mm, rows)
-    return _raised(np.hypot(off_x, off_z) - 0.5 * diameter_mm, relief_mm)
+    away_mm = np.sqrt(off_x * off_x + off_z * off_z)  # a fifth of the time of hypot
+    return _raised(away_mm - 0.5 * diameter_mm, relief_mm)
 
 
 def _braille_height(x: FloatArray, z: FloatArray, text: str) -> FloatArray:
@@ -677,7 +697,7 @@ def _box(x: FloatArray, z: FloatArray, width_mm: float, length_mm: float) -> Flo
 def _off_lattice(x: FloatArray, spacing_mm: float, count: int) -> FloatArray:
     """Distance from the nearest of `count` points `spacing_mm` apart, about 0."""
     if not count:
-        return np.asarray((x + 0.5 * spacing_mm) % spacing_mm - 0.5 * spacing_mm)
+        return np.asarray(x - spacing_mm * np.rint(x / spacing_mm))  # a tenth of that of %
     first = -0.5 * (count - 1)
     nearest = np.clip(np.round(x / spacing_mm - first), 0, count - 1) + first
     return np.asarray(x - nearest * spacing_mm)

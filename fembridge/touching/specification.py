@@ -10,10 +10,19 @@ from fembridge.host.store import near_hint
 from fembridge.io.number import parse_number, parse_whole_number
 
 _Value = TypeVar("_Value")
+
+
+def _parse_flag(text: str) -> bool:
+    if text not in ("true", "false"):
+        raise ValueError(text)
+    return text == "true"
+
+
 _PARSERS: Mapping[type, tuple[Callable[[str], Any], str]] = {
     int: (parse_whole_number, "a whole number"),
     float: (parse_number, "a number"),
     str: (str, "a text"),
+    bool: (_parse_flag, "true or false"),
 }
 
 
@@ -34,7 +43,7 @@ def from_specification(
     argument
         Argument of the public function, for errors.
     makers
-        Functions by name; their arguments with a number or a text as default are settings.
+        Functions by name; their arguments with a number, a text or a flag as default are settings.
     read
         Reads a file. Default: None, there are none.
     suffixes

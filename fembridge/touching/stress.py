@@ -12,37 +12,31 @@ stress, with a sign: skin that bends the other way, beside a bar or into a gap, 
 At nu = 0 it is the pressure alone, which a bar's plateau has and bending hides. `SA_NU`
 lies between (decision 0029). k makes it von Mises stress under the pin that parameters
 are fitted under, so that they hold for it as they are: the flat one of 1 mm that observed
-rates were recorded with. `pad_response` is the answer to it as a response map: what
-`fitted_pad` was fitted on, see ``docs/model_study.md``.
+rates were recorded with. `fembridge.touching.pad_probe` has the map of it that sets are fitted on.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fembridge.io.run_folder import AfferentNode
-from fembridge.response.response_map import ResponseMap
-from fembridge.touching.contact import press_to
+from fembridge.touching.contact import blas_threads, press_to
 from fembridge.touching.contact_history import ContactHistory
+from fembridge.touching.influence import read_influence
 from fembridge.touching.pad import Pad, SkinNodes
 from fembridge.touching.population import Population
 from fembridge.touching.shape import Shape
 from fembridge.typing import FloatArray, IntArray, SingleArray
 
-if TYPE_CHECKING:
-    pass
-
 SA_NU = 0.07
 # The pin, and how deep it is where k is found.
 PIN_MM, _PIN_UM = 1.0, 200.0
-# Depths of the response map: few enough that nodes which come into contact one by one leave
-# no kinks.
-DEEPEST_UM, _LEVELS = 600.0, 21
 # Numbers that a block of endings takes at a time.
 _BLOCK = 4_000_000
+# States of which tensors are computed at a time: these stay in the cache.
+_STATES = 128
 # Of a contact of so few states the stress of all of them is kept, and interpolated as needed.
 _FEW_STATES = 64
 
@@ -91,6 +85,11 @@ class ContactStress:
         return stress_pa
 
     def _at_states(self, units: Population, begin: int, end: int) -> FloatArray:
+        # Products of blocks of states: a second thread waits longer than it works.
+        with blas_threads():
+            return self._stress_at(units, begin, end)
+
+    def _stress_at(self, units: Population, begin: int, end: int) -> FloatArray:
         states, layers = slice(begin, end), np.array(units.layer)
         if not self.contact.layer_forces_n:
             return self._stress(units, self.contact.forces_n[states], states)
@@ -153,7 +152,8 @@ def driving_stress_pa(
     touched = np.asarray(forces_n.any(axis=1))
     if not touched.any():
         return driving
-    nodes, forces_n = nodes.spread_on_pad(forces_n[touched])
+    pressed = np.asarray(forces_n.any(axis=0))  # a node without a force costs as much as others
+    nodes, forces_n = nodes.subset(pressed).spread_on_pad(forces_n[touched][:, pressed])
     drag = None if drag is None else drag[touched]
     unit, x_mm, z_mm, sensitivity = units.endings()
     layer, depth_mm = np.array(units.layer)[unit], units.depth_mm[unit]
@@ -161,7 +161,8 @@ def driving_stress_pa(
     straight = drag is None or not turns
     forces = np.ascontiguousarray(forces_n, dtype=np.float32)
     if drag is not None and not straight:
-        forces = np.concatenate([forces, forces * drag[:, :1], forces * drag[:, 1:]], axis=1)
+        aside = drag.astype(np.float32)
+        forces = np.concatenate([forces, forces * aside[:, :1], forces * aside[:, 1:]], axis=1)
     steady = (float(drag[0, 0]), float(drag[0, 1])) if drag is not None and straight else (0.0, 0.0)
     columns = pad.columns_per_place(nodes)
     step = max(1, _BLOCK // (6 * max(*forces.shape, columns)))
@@ -172,22 +173,24 @@ def driving_stress_pa(
         last = max(int(np.searchsorted(starts, starts[first] + step, "right")) - 1, first + 1)
         block = slice(int(starts[first]), int(starts[last]))
         places = layer[block], x_mm[block], z_mm[block], depth_mm[block]
-        influence = pad.influence_pa(nodes, *places, drag=steady)
-        if not straight:  # along a curve the drag turns: tensors of all three directions
-            aside = [
-                pad.influence_pa(nodes, *places, drag=direction) for direction in ((1, 0), (0, 1))
-            ]
-            influence = np.concatenate(
-                [influence, *(tensors - influence for tensors in aside)], axis=2
-            )
         sa = reads_sa[block]
         stress = np.empty((len(forces), sa.size), dtype=np.float32)
-        stress[:, ~sa] = von_mises_pa(influence[:, ~sa], forces)
-        if sa.any():
-            normal = pad.normal_at(x_mm[block][sa], z_mm[block][sa])
-            stress[:, sa] = _sa_scale(pad.from_above) * sa_stress_pa(
-                influence[:, sa], forces, normal
-            )
+        for selected, read in ((~sa, _deviator), (sa, _sa_reading)):
+            if not selected.any():
+                continue
+            some = tuple(values[selected] for values in places)
+            table = read_influence(pad, nodes, some, steady, read)
+            if not straight:  # along a curve the drag turns: tensors of all three directions
+                sideways = [
+                    read_influence(pad, nodes, some, direction, read)
+                    for direction in ((1.0, 0.0), (0.0, 1.0))
+                ]
+                table = np.concatenate([table, *(rows - table for rows in sideways)])
+            if read is _deviator:
+                stress[:, selected] = _lengths(forces, table)
+            else:
+                scale = _sa_scale(pad.from_above)
+                stress[:, selected] = scale * np.maximum(forces @ table, 0.0)
         stress *= sensitivity[block].astype(np.float32)
         first_ending = starts[first:last] - starts[first]
         driving[touched, first:last] = np.maximum.reduceat(stress, first_ending, axis=1)
@@ -214,14 +217,42 @@ def sa_stress_pa(
     normal: FloatArray,
 ) -> FloatArray:
     """What SA reads but for k, ``(S, place)`` >= 0; `normal` ``(place, 3)``, see the module."""
+    [read] = _sa_reading(influence, normal)
+    stress_pa: FloatArray = np.maximum(forces_n @ read.T, 0.0)
+    return stress_pa
+
+
+def _sa_reading(influence: SingleArray | FloatArray, normal: FloatArray) -> SingleArray:
+    """What SA reads of unit forces, with its sign, ``(1, place, node)``."""
     x, y, z = normal.T[:, :, None].astype(influence.dtype)
     xx, yy, zz, xy, yz, zx = influence
     along_normal = x * x * xx + y * y * yy + 2 * x * y * xy
     if z.any():
         along_normal += z * z * zz + 2 * y * z * yz + 2 * z * x * zx
-    read = SA_NU * (xx + yy + zz) - (1 + SA_NU) * along_normal
-    stress_pa: FloatArray = np.maximum(forces_n @ read.T, 0.0)
-    return stress_pa
+    read: SingleArray = SA_NU * (xx + yy + zz) - (1 + SA_NU) * along_normal
+    return read[np.newaxis]
+
+
+def _deviator(influence: SingleArray | FloatArray, normal: FloatArray) -> SingleArray:
+    """Five numbers whose root of squares is von Mises stress, of unit forces, ``(5, place, node)``.
+
+    They are linear in the tensor: what depends on the size of the pressure alone is gone.
+    """
+    del normal
+    xx, yy, zz, xy, yz, zx = influence
+    root = math.sqrt(3.0)
+    parts = [0.5 * root * (xx - yy), zz - 0.5 * (xx + yy), root * xy, root * yz, root * zx]
+    return np.stack(parts)
+
+
+def _lengths(forces_n: SingleArray, deviator: SingleArray) -> SingleArray:
+    """Von Mises stress ``(S, place)`` in Pa; `deviator` is ``(node, 5 x place)``."""
+    stress = np.empty((len(forces_n), deviator.shape[1] // 5), dtype=np.float32)
+    for first in range(0, len(stress), _STATES):
+        states = slice(first, first + _STATES)
+        parts = (forces_n[states] @ deviator).reshape(-1, 5, stress.shape[1])
+        np.einsum("skp,skp->sp", parts, parts, out=stress[states])
+    return np.sqrt(stress, out=stress)
 
 
 @lru_cache(maxsize=4)
@@ -233,28 +264,3 @@ def _sa_scale(pad: Pad) -> float:
     influence = pad.influence_pa(nodes, *places)
     read = sa_stress_pa(influence, forces, pad.normal_at(unit.x_mm, unit.z_mm))
     return float(von_mises_pa(influence, forces)[0, 0] / read[0, 0])
-
-
-def pad_response(pad: Pad) -> ResponseMap:
-    """Stress tensors at each site of the pad under the pin, over the apex."""
-    depth_um = DEEPEST_UM * (np.arange(_LEVELS) / (_LEVELS - 1)) ** 1.5
-    nodes, forces, _ = press_to(pad, Shape.punch(PIN_MM), depth_um)
-    sites = pad.afferents
-    layer, x_mm, depth_mm = zip(
-        *((s.layer, s.x_mm, s.depth_mm) for s in sites.values()), strict=True
-    )
-    places = np.array(layer), np.array(x_mm), np.zeros(len(sites)), np.array(depth_mm)
-    influence = pad.influence_pa(nodes, *places)
-    tensor = np.einsum("cun,kn->kuc", influence, forces, dtype=np.float64)
-    tensor[..., 4:] = 0.0  # yz and zx, by symmetry about z = 0, but for rounding
-    return ResponseMap(
-        depth_um=depth_um,
-        tensor_pa=tensor,
-        force_n_per_mm=forces.sum(axis=1),
-        places=tuple(
-            AfferentNode(name, n, site.layer, site.x_mm, -site.depth_mm, site.depth_mm)
-            for n, (name, site) in enumerate(sites.items(), start=1)
-        ),
-        closure_percent=0.0,
-        origin={"finger": pad.model_table, "pad": dict(pad.origin), "pin_mm": PIN_MM},
-    )

@@ -6,7 +6,6 @@ fire in one pass.
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from fembridge.errors import UsageError, warn
 from fembridge.ranges import Range, check_range
-from fembridge.solver.mechanics import fit_mismatch
+from fembridge.solver.mechanics import report_mechanics
 from fembridge.touching.contact import MOST_UM
 from fembridge.touching.contact_history import ContactHistory, contact_warnings, solve_contact
 from fembridge.touching.fingerprint import Fingerprint
@@ -30,7 +29,7 @@ from fembridge.touching.touch_result import Touch
 from fembridge.touching.trajectory import Trajectory
 from fembridge.version import __version__
 from neural.encoder import encode_units
-from neural.parameter_sets import ParameterSet, parameter_set, parameters_to_table
+from neural.parameter_sets import ParameterSet, parameter_set
 
 if TYPE_CHECKING:
     import os
@@ -40,8 +39,6 @@ if TYPE_CHECKING:
     from decks.finger import Finger
     from fembridge.io.waveform import WaveformLike
     from fembridge.typing import Table
-
-_LOGGER = logging.getLogger(__name__)
 
 # Friction of skin on the shape (Ishizuka et al., 3.1).
 FRICTION = 0.4
@@ -257,7 +254,8 @@ def resolve_touch(
     elif at_mm != (0.0, 0.0) or angle_deg or tuple(tilt_deg) != (0.0, 0.0):
         argument = "angle_deg" if angle_deg else "tilt_deg" if any(tilt_deg) else "at_mm"
         raise UsageError("is for a shape, not for pins", argument=argument)
-    _report_mechanics(selected, skin, path)
+    depths_um = None if path.preindent_um is None else {path.preindent_um}
+    report_mechanics(selected, skin.mechanics, depths_um)
     return TouchInputs(
         skin, body, path, units, selected, FRICTION if friction is None else friction
     )
@@ -321,8 +319,7 @@ def touch_skin(
         "fembridge": __version__,
         "pad": {"source": pad.source, "sha256": pad.sha256, **pad.origin},
         "finger": pad.mechanics,
-        "parameter_set": parameters.name,
-        "parameters": parameters_to_table(parameters.parameters),
+        **{key: value for key, value in parameters.to_record().items() if value is not None},
         "friction": float(friction),
         "trials": int(trials),
         "noise_mv": float(noise_mv),
@@ -383,16 +380,3 @@ def _resolve_trajectory(
         expected = "a Trajectory, as Trajectory.press, slide or from_table makes it"
         raise UsageError(argument="trajectory", found=trajectory, expected=expected)
     return trajectory.preindented(preindent_um)
-
-
-def _report_mechanics(parameters: ParameterSet, pad: Pad, trajectory: Trajectory) -> None:
-    """Warn of parameters of other mechanics; otherwise log the pre-indentation."""
-    fit_um = parameters.preindent_um
-    depth_um = fit_um if trajectory.preindent_um is None else trajectory.preindent_um
-    if mismatch := fit_mismatch(parameters, pad.mechanics, {depth_um}):
-        warn(mismatch)
-    elif trajectory.preindent_um:
-        _LOGGER.info(
-            f"pre-indentation: {fit_um:g} um, the depth at which the parameter set "
-            f"{parameters.name} was fitted"
-        )

@@ -208,7 +208,7 @@ def test_a_fit_reads_the_unit_with_the_largest_stress(logged):
     stress_pa = units_map().stress_pa(model, [stimulus])
     strongest = units_map().traces(stimulus)[1]
     assert strongest.unit == "left"
-    assert_allclose(stress_pa[:, 0], strongest.stress_pa)
+    assert_allclose(stress_pa[:, 0, 0], strongest.stress_pa)
 
 
 PRESSED = f"*STEP, NLGEOM\n*STATIC\n0.5, 1.\n{PUSH}*END STEP"

@@ -283,3 +283,49 @@ def test_the_tolerant_rule_takes_the_smallest_error_of_rates_that_keeps_threshol
     assert (
         choose(problem, none_passes, "tolerant").row == choose(problem, none_passes, "balanced").row
     )
+
+
+def test_rates_at_several_positions_are_the_mean_of_those_at_each(row):
+    scales = np.array([0.7, 1.0, 1.6])
+    problem = problem_of(row, cells=3, stress_pa=STRESS_PA[..., np.newaxis] * scales)
+    values = random_values(problem, 4)
+
+    rates_ips = problem.rates_ips(values)
+
+    by_position = [
+        problem_of(row, cells=3, stress_pa=scale * STRESS_PA).rates_ips(values) for scale in scales
+    ]
+    assert problem.positions == 3
+    np.testing.assert_allclose(rates_ips, np.mean(by_position, axis=0), rtol=1e-12)
+    kept = np.array([True, False, True, True])
+    np.testing.assert_array_equal(problem.part(kept).rates_ips(values), rates_ips[:, kept])
+
+
+def test_targets_at_several_positions_pool_the_cells_of_all():
+    """Thresholds are geometric means; strengths are those of all spikes; the best cell counts."""
+    scales = np.array([0.5, 1.0, 2.0])
+    one = threshold_target()
+    several = replace(one, stress_pa=one.stress_pa[..., np.newaxis] * scales, _rate_problems={})
+    problem = problem_with(cells=1)
+    values = np.array([[1e3, 4500.0]])  # passed at 4000, and with more or less stress
+    [error] = several.errors(problem, values)
+    found_um = [math.sqrt(4000 * 8000), math.sqrt(2000 * 4000), math.sqrt(1000 * 2000)]
+    mean_log = np.mean(np.log(np.array(found_um) / 2000.0))
+    np.testing.assert_allclose(error, mean_log**2, atol=1e-12)
+
+    stress_pa = problem.stress_pa[..., np.newaxis] * scales
+    strengths = np.array([[0.9, 0.4]])
+    [phase] = PhaseTarget(stress_pa, np.array([40.0]), strengths).errors(problem, values)
+    columns = encode_cells(stress_pa[:, 0], DT_MS, problem.parameters(values[0]))
+    pooled = np.concatenate([times for cells in columns for times in cells])
+    squares = [
+        (vector_strength(pooled, order * 40.0) - strength) ** 2
+        for order, strength in ((1, 0.9), (2, 0.4))
+    ]
+    np.testing.assert_allclose(phase, np.mean(squares), rtol=1e-12)
+
+    train = columns[2][0]
+    target = TimingTarget(stress_pa, ((train,),), 5.0)
+    assert train.size
+    [apart] = target.errors(problem_with(target), np.array([[1e3, 4500.0, 0.0]]))
+    assert apart == 0.0

@@ -167,8 +167,8 @@ def test_a_set_of_ones_own_travels_whole_with_the_finger_of_its_fit(file_of):
     own = parameter_set(file_of("base = 'fitted'\nname = 'fitted'\n[SA]\ntau_ms = 50.0"))
     table = tomllib.loads(tomli_w.dumps(own.to_table()))
     back = ParameterSet.from_table(table, "run", "run.toml")
-    assert (back.name, back.preindent_um, back.finger["name"]) == ("fitted", 75.0, "quick")
-    assert dict(back.finger) == dict(own.finger)
+    assert (back.name, back.preindent_um, back.mechanics["name"]) == ("fitted", 75.0, "quick")
+    assert dict(back.mechanics) == dict(own.mechanics)
     assert dict(back.parameters) == dict(own.parameters)
     assert back.parameters["SA"].tau_ms == 50.0
 

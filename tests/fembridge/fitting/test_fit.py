@@ -162,7 +162,7 @@ def test_stress_rates_and_windows_are_those_of_each_stimulus(observed, response)
         stimulus = make_stimulus(entry, preindent_um=75.0, dt_ms=FINE_DT_MS)
         trace = response.traces(stimulus)[0]
         assert trace.afferent == "SA"
-        assert_array_equal(problem.stress_pa[:, column], trace.stress_pa)
+        assert_array_equal(problem.stress_pa[:, column, 0], trace.stress_pa)
         assert problem.windows_ms[column] == stimulus.window_ms
         assert problem.groups[column] == group_of(entry)
 

@@ -21,6 +21,9 @@ from fembridge.reporting.folder_page import Check, Report, Section
 from fembridge.response.response_map import FOLDER, read_map, write_map
 from fembridge.touching.pad_file import STORED
 
+# Sets on other mechanics than those of their fit are in tests/fembridge/test_mechanics.py.
+pytestmark = pytest.mark.filterwarnings("ignore:parameter set")
+
 ROOT = Path(fb.__file__).parents[1]
 RUN = ROOT / "fixtures/response_quick"
 PREPOMAX = ROOT / "tests/fembridge/own_models/prepomax.inp"

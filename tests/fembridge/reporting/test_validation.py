@@ -167,6 +167,59 @@ def report(study, tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def on_pad(observed_file):
+    """`fitted_pad` under a pin at two positions on the ridged pad."""
+    probe = fb.PadProbe(positions=2)
+    observed = read_observed(observed_file, complete=False)
+    table, source = published(THRESHOLDS).table, published(THRESHOLDS).source
+    few = Facts(table[table.frequency_hz.between(70, 80)], source)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recorded, "CURVE_HZ", (200.0,))
+        patch.setattr(recorded, "_PIN_UM", recorded._PIN_UM[::8])
+        models = judged_models("fitted_pad")
+        return compute_validation(
+            probe.response, models, observed, {THRESHOLDS: few}, skin=probe.skin()
+        )
+
+
+def test_a_page_on_a_pad_has_the_rates_of_the_pad_alone(on_pad, tmp_path, undrawn):
+    assert on_pad.on_pad
+    simulated = fb.simulate(
+        "sine_20_250", response=fb.PadProbe(positions=2), parameters="fitted_pad"
+    ).rates.groupby("afferent")["rate_ips"]
+    for name in AFFERENTS:
+        [rate_ips] = on_pad.rates.rates_ips("fitted_pad", name, ["sine_20_250"])
+        assert_allclose(rate_ips, [simulated.mean()[name]])
+    assert "fingertip" not in set(on_pad.rates.frame["source"])
+    assert fingertip_shortfalls(on_pad) == ()
+    tables = validation_page.csv_tables(on_pad)
+    assert not [name for name in tables if name.startswith("fingertip")]
+    assert len(tables["distance"]) == len(published(DISTANCE).table)
+    page = page_text(on_pad, COMMAND, tmp_path)
+    assert "ridges 0.44 mm apart" in page
+    assert page.count('id="fingertip-section"') == 1
+    assert "fingertip_rates" not in page
+    assert not [name for name in validation_page.figure_functions(on_pad) if "fingertip" in name]
+
+
+def test_cells_of_all_positions_are_in_order_of_their_sensitivity(on_pad):
+    """Each of ten cells at both positions, then the next: the first fire most."""
+    trains = [
+        train
+        for train in on_pad.simulations["fitted_pad"].trains
+        if (train.stimulus, train.afferent) == ("sine_20_250", "RA")
+    ]
+    assert sorted(train.cell for train in trains) == list(range(1, 21))
+    assert {train.unit for train in trains} == {""}
+    spikes = [train.times_ms.size for train in sorted(trains, key=lambda train: train.cell)]
+    assert spikes[0::2] == sorted(spikes[0::2], reverse=True)
+    assert spikes[1::2] == sorted(spikes[1::2], reverse=True)
+    on_response = ModelOnResponse(on_pad.response, on_pad.judged)
+    wave = next(s for s in on_pad.simulations["fitted_pad"].stimuli if s.id == "sine_20_250")
+    assert [times_ms.size for times_ms in on_response.spikes_ms("RA", wave)] == spikes
+
+
 def test_every_stimulus_of_the_catalogue_is_in_one_set_of_one_family():
     assert [id_ for family in FAMILIES for id_ in family.stimuli] == [e.id for e in CATALOGUE]
     for group in (group for family in FAMILIES for group in family.sets):
@@ -326,7 +379,7 @@ def test_each_family_with_a_low_r_squared_or_a_large_error_is_a_shortfall(study)
 
 
 @pytest.mark.usefixtures("computed")
-def test_stimuli_outside_the_paper_are_left_out_and_logged(tmp_path, logged):
+def test_stimuli_outside_the_paper_are_only_recorded_sets_and_logged(tmp_path, logged):
     rates = [Rate("sine_20_250", "SA", 25.0), Rate("sine_40_100", "SA", 20.0)]
     write_rates(tmp_path / "rates.csv", rates)
     observed = read_observed(tmp_path / "rates.csv")
@@ -334,6 +387,9 @@ def test_stimuli_outside_the_paper_are_left_out_and_logged(tmp_path, logged):
         stored_source("quick").response, judged_models("published"), observed
     )
     assert study.left_out == ("sine_40_100",)
+    [other] = study.points[study.points["set"] == "sine_other"].to_dict("records")
+    assert (other["condition"], other["recorded"]) == ("sine_40_100", 20.0)
+    assert other["judged"] > 0 and other["fingertip"] > 0
     assert ["sine_40_100" in line for line in logged] == [True]
 
 
@@ -449,7 +505,7 @@ def test_a_recorded_unit_is_compared_with_the_cell_closest_to_it(monkeypatch):
     trains = []
     for amplitude_um in (34.74, 129.49, 250):
         stimulus = vibration(20.0, amplitude_um, fitted.preindent_um)
-        stress_pa = model.response.stress_pa(cells, [stimulus])
+        stress_pa = model.response.stress_pa(cells, [stimulus])[:, 0]
         [trains_ms] = encode_cells(stress_pa, stimulus.dt_ms, cells)
         trains.append(SpikeTrain(f"sine_20_{amplitude_um}", "RA", trains_ms[5]))
     monkeypatch.setattr(recorded, "_distance", lambda *_: None)
@@ -562,6 +618,23 @@ def test_a_validation_has_its_tables_and_comes_back_from_its_files(tmp_path, stu
         read.plot()
 
 
+def test_a_folder_of_recorded_tables_adds_rates_and_touches(tmp_path, observed_file, monkeypatch):
+    taken = {}
+
+    def compute(response, models, rates, facts, trains, skin, touches):
+        taken.update(touches, rates=rates)
+        raise KeyboardInterrupt
+
+    module = "fembridge.reporting.validation_data"
+    monkeypatch.setattr(f"{module}.compute_validation", compute)
+    write_rates(tmp_path / "more.csv", [Rate("sine_30_100", "SA", 9.0)])
+    (tmp_path / "areas.csv").write_text("afferent,area_mm2\nPC,80\n", encoding="utf-8")
+    with pytest.raises(KeyboardInterrupt):
+        fb.validate(observed=observed_file, recorded=tmp_path)
+    assert taken["fields"]["area_mm2"].tolist() == [80]
+    assert {"sine_30_100", "sine_20_250"} <= set(taken["rates"].stimuli)
+
+
 @pytest.mark.usefixtures("no_page")
 def test_evidence_is_taken_as_a_frame_and_an_unknown_name_is_refused(monkeypatch):
     taken = {}
@@ -572,14 +645,17 @@ def test_evidence_is_taken_as_a_frame_and_an_unknown_name_is_refused(monkeypatch
         fb.validate(evidence={"distances": table})
     assert (caught.value.argument, caught.value.found) == ("evidence", "distances")
 
-    def compute(response, models, rates, facts, trains):
+    def compute(response, models, rates, facts, trains, skin, touches):
         taken.update(facts)
+        taken.update(touches)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(f"{module}.compute_validation", compute)
+    bars = pd.DataFrame({"shape": ["gap"], "width_mm": 1, "position_mm": 0.5, "rate_ips": 9.0})
     with pytest.raises(KeyboardInterrupt):
-        fb.validate(evidence={"distance": table})
+        fb.validate(evidence={"distance": table, "bars": bars})
     assert_array_equal(taken[DISTANCE].table, table)
+    assert_frame_equal(taken["bars"], bars, check_dtype=False)
 
 
 LEAST_PT = 7.0
@@ -690,6 +766,28 @@ def test_a_table_of_agreement_shows_the_numbers_of_its_csv_file(tables, report, 
             for half, *pair in zip((5e-3, 5e-4, 0.05, 0.05), numbers, expected, strict=True):
                 assert_allclose(*pair, rtol=0, atol=half * 1.001)
     assert compared == 3 * (3 + 1) + (2 * 3 if reference == "TouchSim" else 0)
+
+
+def test_the_rows_of_recorded_sets_are_those_of_the_csv_file(tables, report):
+    rows = [row for row in rows_of(report / "recorded_sets.csv") if not row["missing"]]
+    shown = [row for row in tables["recorded_sets"] if row[-1] != "ratio" and row[0] != ""]
+    keys = list(dict.fromkeys((row["set"], row["afferent"]) for row in rows))
+    body = tables["recorded_sets"][2:]
+    assert len(body) == len(keys)
+    assert shown
+    for (name, afferent), cells in zip(keys, body, strict=True):
+        assert afferent in cells[:2]
+        of_set = [row for row in rows if (row["set"], row["afferent"]) == (name, afferent)]
+        assert of_set[0]["recorded"] in cells[:3]
+        for row in of_set:
+            if row["ratio"]:
+                assert any(cell.startswith(f"{float(row['ratio']):.2f}") for cell in cells)
+
+
+def test_sets_without_data_name_the_table_that_fills_them(page):
+    text = text_of(page)
+    assert "unit,depth_mm,speed_mm_per_s,impulses" in text
+    assert "shape,width_mm,position_mm,rate_ips" in text
 
 
 def test_goals_are_marked_where_rates_were_observed_and_nowhere_else(tables):

@@ -11,7 +11,10 @@ from fembridge.sweeps.study_file import read_study
 from fembridge.sweeps.sweep import make_plan, solver_version
 from fembridge.sweeps.sweep import sweep as run_sweep
 
-pytestmark = pytest.mark.usefixtures("recorded_ccx")
+pytestmark = [
+    pytest.mark.usefixtures("recorded_ccx"),
+    pytest.mark.filterwarnings("ignore:parameter set"),
+]
 
 
 def table_of(folder):

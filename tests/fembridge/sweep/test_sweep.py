@@ -31,6 +31,9 @@ from fembridge.sweeps.sweep import sweep as run_sweep
 from neural import parameter_set
 from neural.rates import spikes_inside
 
+# Sets on other fingers than that of their fit are in tests/fembridge/test_mechanics.py.
+pytestmark = pytest.mark.filterwarnings("ignore:parameter set")
+
 QUICK = Variant("quick", PRESETS["quick"])
 
 

@@ -17,6 +17,7 @@ from fembridge.errors import FembridgeWarning, OutputError, ResultError, UsageEr
 from fembridge.sweeps import dataset, touch_work, touches
 from fembridge.sweeps.touch_study import SETTINGS
 from fembridge.sweeps.touches import Plan, read_touches, touch_many, touches_status, verify_touches
+from fembridge.touching.influence import drop_influence
 
 pytest.importorskip("pyarrow")
 
@@ -72,8 +73,7 @@ def test_a_row_is_what_the_same_touch_alone_is():
     )
     units = data.units_of(1)
     pandas.testing.assert_frame_equal(
-        units[["unit", "x_mm", "z_mm", "depth_mm", "deviate"]],
-        alone.population.to_frame().drop(columns="afferent"),
+        units.drop(columns="afferent"), alone.population.to_frame().drop(columns="afferent")
     )
     forces = data.forces[data.forces["touch"] == 1]
     assert forces["time_ms"].tolist() == list(np.arange(0, 161, 10.0))
@@ -117,6 +117,30 @@ def test_the_number_of_workers_changes_no_byte(tmp_path):
     data = fb.read(tmp_path / "1")
     data.write(tmp_path / "copy")
     assert bytes_of(tmp_path / "copy") == files
+
+
+def test_a_touch_does_not_depend_on_the_touches_before_it():
+    """Not in a bit of its stress, although sums of float32 depend on what is beside them."""
+    from fembridge.touching import touch as module
+
+    press = {"shape": "braille:text=q", "press_n": 0.3, "ramp_ms": 5, "hold_ms": 5}
+    rows = [{**press, "x_mm": 0.3 * number, "z_mm": 0.1 * number} for number in range(5)]
+    stresses = []
+
+    def encode(stress, *arguments, **options):
+        stresses.append(stress.stress_pa(np.arange(0, 260, 4)))
+        return plain_encode(stress, *arguments, **options)
+
+    plain_encode = module.encode_units
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "encode_units", encode)
+        for order in (range(5), reversed(range(5))):
+            drop_influence()  # as in a new process
+            for number in order:
+                batch = touch_work.Batch({number: rows[number]}, Path(), 0)
+                assert not touch_work.run_batch(batch)[0].cause
+    for first, second in zip(stresses[:5], reversed(stresses[5:]), strict=True):
+        np.testing.assert_array_equal(first, second)
 
 
 def test_groups_fill_parts_whole_unless_they_are_larger_than_a_part():
@@ -456,10 +480,8 @@ def test_objects_of_python_are_rows_too(tmp_path):
 
 def test_stimuli_of_a_response_map_are_rows_beside_touches_of_a_pad(tmp_path):
     from fembridge.response.response_map import write_map
-    from fembridge.touching.pad_file import resolve_pad
-    from fembridge.touching.stress import pad_response
 
-    write_map(tmp_path / "map.toml", pad_response(resolve_pad("reference")))
+    write_map(tmp_path / "map.toml", fb.PadProbe(pad="reference", ridges="none").response)
     row = {"map": str(tmp_path / "map.toml"), "stimulus": "sine_50_100", "parameters": "published"}
     data = touch_many([row, *rows_of(1)], jobs=1)
     alone = fb.simulate("sine_50_100", response=tmp_path / "map.toml", parameters="published")

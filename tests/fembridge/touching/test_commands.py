@@ -47,14 +47,21 @@ def test_a_picture_of_ones_own_is_scanned_and_leaves_tables_and_pictures(
 def test_receptive_field_writes_areas_and_maps(tmp_path, capsys):
     code, printed = run(
         capsys, "receptive-field", "--afferent", "SA,RA", "--depth-um", "100,300",
-        "--step-mm", 1, "-o", tmp_path,
+        "--step-mm", 1, "--units", 3, "-o", tmp_path,
     )  # fmt: skip
     assert code == 0, printed.err
     areas = pd.read_csv(tmp_path / "areas.csv")
-    assert list(areas) == ["afferent", "depth_um", "area_mm2", "whole"]
-    assert len(areas) == 4
+    assert list(areas)[:3] == ["unit", "afferent", "times_threshold"]
+    assert len(areas) == 2 * 3 * 3
     fields = pd.read_csv(tmp_path / "fields.csv")
-    assert (fields.groupby(["afferent", "depth_um"]).size() == 9 * 17).all()
+    sizes = fields[fields["afferent"] == "RA"].groupby("unit").size()
+    assert set(sizes.index) == {"RA1", "RA2", "RA3"} and (fields["impulses"] > 0).all()
+    units = pd.read_csv(tmp_path / "units.csv")
+    assert (units["threshold_mn"] > 0).all() and len(units) == 6
+    summary = pd.read_csv(tmp_path / "summary.csv").set_index(["afferent", "quantity"])
+    medians = units.groupby("afferent")["threshold_um"].median()
+    for name in ("SA", "RA"):
+        assert summary.loc[(name, "threshold_um"), "median"] == pytest.approx(medians[name])
     assert (tmp_path / "field_RA.png").is_file()
 
 

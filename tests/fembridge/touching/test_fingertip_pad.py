@@ -145,7 +145,7 @@ def test_a_touch_of_the_stored_fingertip_is_symmetric_and_has_its_outline_in_the
             [x_mm] * 3 + [-x_mm] * 3,
             [1.0] * 6,
             finger=resolve_pad("fingertip"),
-        )
+        ).with_endings(0.0)
         words = {"press_um": 300, "population": units, "pad": "fingertip", "at_mm": (x_mm, 1.0)}
         sides.append(fb.touch("sphere", **words))
     assert_allclose(sides[0].force_n, sides[1].force_n, rtol=2e-3)
@@ -162,8 +162,10 @@ def test_a_touch_of_the_stored_fingertip_is_symmetric_and_has_its_outline_in_the
 
 @pytest.mark.filterwarnings("ignore::fembridge.errors.FembridgeWarning")
 def test_a_receptive_field_of_the_stored_fingertip_has_its_hot_spot_above_the_unit():
-    field = fb.receptive_field("SA", depth_um=[400], step_mm=1.0, pad="fingertip")
-    (impulses,) = field.impulses
+    field = fb.receptive_field(
+        "SA", units=1, depth_um=[400], times_threshold=[], step_mm=1.0, pad="fingertip"
+    )
+    ((impulses,),) = field.impulses
     hot = np.argwhere(impulses == impulses.max()).mean(axis=0)
     assert_allclose(hot, (np.array(impulses.shape) - 1) / 2, atol=1.0)
 

@@ -17,7 +17,7 @@ from fembridge.touching.contact import press_to
 from fembridge.touching.mesh_pad import MappedSkin, fit_weights
 from fembridge.touching.pad_file import checksum
 from fembridge.touching.shape import Shape
-from fembridge.touching.stress import pad_response, sa_stress_pa, von_mises_pa
+from fembridge.touching.stress import sa_stress_pa, von_mises_pa
 from tests.fembridge.touching.mesh_models import YOUNG_MPA, block_deck, half_space
 
 PAD = half_space()
@@ -135,18 +135,20 @@ def test_units_away_from_the_points_with_stress_are_refused():
 @pytest.mark.filterwarnings("ignore::fembridge.errors.FembridgeWarning")
 def test_a_receptive_field_of_a_mesh_is_pressed_everywhere():
     field = fb.receptive_field(
-        "SA", depth_um=[300], step_mm=0.5, probe_diameter_mm=0.5, pad=PAD, endings_mm=0.0
-    )
-    assert field.impulses.shape == (1, 3, 3)
-    assert field.impulses[0, 1, 1] == field.impulses.max() > field.impulses[0, 0, 0]
-    assert_allclose(field.impulses, field.impulses[:, ::-1, ::-1])
+        "SA", units=1, depth_um=[300], times_threshold=[], step_mm=0.5, probe_diameter_mm=0.5,
+        pad=PAD, endings_mm=0.0,
+    )  # fmt: skip
+    (impulses,) = field.impulses
+    assert impulses.shape == (1, 3, 3)
+    assert impulses[0, 1, 1] == impulses.max() > impulses[0, 0, 0]
+    assert_allclose(impulses, impulses[:, ::-1, ::-1])
 
 
 @pytest.mark.filterwarnings("ignore:parameter set")
 def test_the_response_of_a_mesh_to_the_pin_gives_thresholds(tmp_path):
-    response = pad_response(PAD)
+    response = fb.PadProbe(pad=PAD).response
     # A flat round punch of 1 mm, before its edge meets the skin beside it; Boussinesq 1885.
-    stiffness = response.force_n_per_mm[1:4] / response.depth_um[1:4]
+    stiffness = response.force_n[1:4] / response.depth_um[1:4]
     assert_allclose(stiffness, 1e-3 * MODULUS_MPA * 1.0, rtol=0.01)
     write_map(tmp_path / "response.toml", response)
     thresholds = fb.threshold(response=tmp_path / "response.toml", frequencies_hz=[50])

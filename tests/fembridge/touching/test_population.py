@@ -207,7 +207,7 @@ def test_a_population_that_is_damaged_is_refused_or_has_another_cell(tmp_path):
         assert len(again) == len(units)
         different = sum(
             not np.array_equal(getattr(again, name), getattr(units, name))
-            for name in ("unit", "afferent", "x_mm", "z_mm", "depth_mm", "deviate")
+            for name in ("unit", "afferent", "x_mm", "z_mm", "depth_mm", "deviate", "endings_seed")
         )
         assert different <= 1 and (different == 0 or position > 40)
 
@@ -262,3 +262,102 @@ def test_a_population_is_the_same_from_a_table_and_from_its_file(tmp_path):
     assert repr(from_frame).startswith("Population(18 units: ")
     with pytest.raises(TableError):
         resolve_population(units.to_frame().drop(columns="afferent"), QUICK)
+
+
+def endings_by_unit(units):
+    """Endings of each unit by its name, from its position: ``(E, 3)``, x, z and sensitivity."""
+    unit, x_mm, z_mm, sensitivity = units.endings()
+    table = np.stack([x_mm - units.x_mm[unit], z_mm - units.z_mm[unit], sensitivity], axis=1)
+    return {name: table[unit == row] for row, name in enumerate(units.unit)}
+
+
+def test_the_most_sensitive_ending_of_a_fibre_is_in_the_middle_of_four_to_ten():
+    units = Population.fingertip(seed=4)
+    endings = endings_by_unit(units)
+    counts = []
+    for name, afferent in zip(units.unit, units.afferent, strict=True):
+        (x_mm, z_mm, sensitivity), *others = endings[name]
+        assert (x_mm, z_mm, sensitivity) == (0, 0, 1)
+        away_mm = np.hypot(*np.reshape(others, (-1, 3)).T[:2])
+        assert ((away_mm > 0.7) & (away_mm <= units.endings_mm)).all()
+        assert all(0.4 <= share <= 0.8 for *_, share in others)
+        if afferent == "PC":
+            assert not others
+        else:
+            counts.append(1 + len(others))
+    assert set(counts) == set(range(4, 11))
+
+
+def test_endings_fill_the_ring_evenly_and_no_two_fibres_are_alike():
+    units = Population.fingertip(seed=4)
+    branched = [table for table in endings_by_unit(units).values() if len(table) > 1]
+    others = np.concatenate([table[1:] for table in branched])
+    mean_mm, away_mm = others[:, :2].mean(axis=0), np.hypot(others[:, 0], others[:, 1])
+    assert np.abs(mean_mm).max() < 4 * away_mm.std() / np.sqrt(len(others)) + 0.02
+    # In a ring from 0.45 to 1 of the radius half of the area lies within this distance.
+    half_mm = units.endings_mm * np.sqrt(0.5 * (1 + 0.45**2))
+    assert np.mean(away_mm < half_mm) == pytest.approx(0.5, abs=0.03)
+    assert len({table[1].tobytes() for table in branched}) == len(branched)
+
+
+def test_a_unit_keeps_its_endings_when_selected_joined_written_and_read(tmp_path):
+    units = Population.fingertip(seed=2)
+    endings = endings_by_unit(units)
+    part = units[units.x_mm > 3][::-1]
+    joined = units[5:9] + Population.at(["RA"], [0.0], [0.0], unit=["probe"])
+    part.write(tmp_path / "units.csv")
+    alike = (
+        part,
+        joined[:4],
+        Population.from_table(tmp_path / "units.csv"),
+        units.with_endings(1.6),
+    )
+    for other in (*alike, Population.fingertip(seed=2, density=1.0)):
+        for name, table in endings_by_unit(other).items():
+            assert_allclose(table, endings[name], rtol=0, atol=1e-12)
+    again = endings_by_unit(Population.fingertip(seed=3))
+    assert not np.array_equal(again["SA1"], endings["SA1"])
+
+
+def test_a_unit_without_a_number_draws_its_endings_from_its_name(tmp_path):
+    path = tmp_path / "mine.csv"
+    path.write_text("unit,afferent,x_mm,z_mm\nthumb,SA,0,0\nSA1,RA,1,2\n")
+    endings = endings_by_unit(Population.from_table(path))
+    elsewhere = Population.at(["RA", "SA"], [2.0, -1.0], [0.0, 3.0], unit=["SA1", "thumb"])
+    for name, table in endings_by_unit(elsewhere).items():
+        assert_allclose(table, endings[name], rtol=0, atol=1e-12)
+    assert_allclose(endings_by_unit(Population.one_each())["SA1"], endings["SA1"], atol=1e-12)
+    assert not np.array_equal(endings["SA1"], endings["thumb"])
+
+
+def test_numbers_of_endings_are_those_of_splitmix64():
+    """A plain loop over Python's integers."""
+    seed, mask = 7, 2**64 - 1
+
+    def mixed(bits):
+        bits = (bits ^ (bits >> 30)) * 0xBF58476D1CE4E5B9 & mask
+        bits = (bits ^ (bits >> 27)) * 0x94D049BB133111EB & mask
+        return bits ^ (bits >> 31)
+
+    golden = 0x9E3779B97F4A7C15
+    state, expected = mixed((seed + golden) & mask), []
+    for _ in range(5):
+        state = (state + golden) & mask
+        expected.append((mixed(state) >> 11) / 2**53)
+    units = Population.at(["SA"], [0.0], [0.0])
+    units = replace(units, endings_seed=[seed])
+    count, turn, area, *_ = expected
+    _, x_mm, z_mm, _ = units.endings()
+    assert x_mm.size == 4 + int(7 * count)
+    away_mm = units.endings_mm * np.sqrt(0.45**2 + (1 - 0.45**2) * area)
+    assert_allclose(np.hypot(x_mm, z_mm)[1], away_mm, rtol=1e-12)
+    sector = (np.arctan2(z_mm[1], x_mm[1]) / (2 * np.pi) - turn) % 1
+    assert 0 <= sector <= 1 / (x_mm.size - 1)
+
+
+@pytest.mark.parametrize("seed", [-1, 0.5, 2.0**60, float("nan")])
+def test_a_seed_of_endings_that_is_no_whole_number_is_refused(seed):
+    with pytest.raises(UsageError) as error:
+        replace(Population.at("SA", 0, 0), endings_seed=[seed])
+    assert error.value.argument == "endings_seed"
+    assert_allclose(error.value.found, seed)

@@ -366,3 +366,31 @@ def test_a_tiled_map_repeats_in_both_directions():
     assert_allclose(tiled.height_mm(x + 3 * 5 * 0.2, z - 2 * 7 * 0.2), tiled.height_mm(x, z))
     assert_allclose(tiled.height_mm(x, z), Shape.from_heights(heights, 0.2).height_mm(x, z))
     assert tiled.to_table()["tile"] is True
+
+
+def test_a_file_with_its_sizes_is_a_specification(tmp_path):
+    path = tmp_path / "map.csv"
+    np.savetxt(path, np.random.default_rng(3).uniform(0, 1, (4, 6)), delimiter=",")
+    shape = resolve_shape(f"{path}:pixel_mm=0.2,tile=true")
+    expected = Shape.read(path, 0.2, tile=True)
+    x, z = np.random.default_rng(4).uniform(-5, 5, (2, 50))
+    assert_allclose(shape.height_mm(x, z), expected.height_mm(x, z))
+    assert shape.half_size_mm is None
+    assert resolve_shape(f"{path}:pixel_mm=0.2").half_size_mm == pytest.approx((0.6, 0.4))
+
+
+@pytest.mark.parametrize(
+    ("settings", "words", "argument", "found"),
+    [
+        ("tile=true", {}, "pixel_mm", None), ("pixel_mm=0.2,tile=yes", {}, "shape", "yes"),
+        ("pixel_mm=0.2,tiles=true", {}, "shape", "tiles=true"),
+        ("pixel_mm=0.2", {"pixel_mm": 0.3}, "pixel_mm", 0.3),
+        ("pixel_mm=0.2", {"tile": True}, "tile", True),
+    ],
+)  # fmt: skip
+def test_sizes_of_a_file_that_do_not_fit_are_refused(tmp_path, settings, words, argument, found):
+    path = tmp_path / "map.csv"
+    np.savetxt(path, np.eye(3), delimiter=",")
+    with pytest.raises(UsageError) as error:
+        resolve_shape(f"{path}:{settings}", **words)
+    assert (error.value.argument, error.value.found) == (argument, found)

@@ -20,14 +20,15 @@ from fembridge.errors import (
     ResultError,
     UsageError,
 )
-from fembridge.response.response_map import FOLDER, read_map, write_map
+from fembridge.response.response_map import FOLDER, read_map
 from fembridge.results.von_mises import von_mises_pa as tensor_von_mises
 from fembridge.touching.contact import press_to
 from fembridge.touching.pad_file import resolve_pad
 from fembridge.touching.population import Population
 from fembridge.touching.prism_pad import TIP_RADIUS_MM
+from fembridge.touching.receptive_field import _Probe, hot_spot_counts
 from fembridge.touching.shape import Shape, resolve_shape
-from fembridge.touching.stress import SA_NU, driving_stress_pa, pad_response, sa_stress_pa
+from fembridge.touching.stress import SA_NU, driving_stress_pa, sa_stress_pa
 from fembridge.touching.touch import touch_skin
 from fembridge.touching.trajectory import Trajectory
 from neural import parameter_set
@@ -117,7 +118,7 @@ def test_a_path_is_the_slide_that_it_describes(tmp_path):
 
 
 def test_friction_shears_the_skin_to_the_other_side_when_the_way_is_turned():
-    units = Population.line(step_mm=1.0, half_length_mm=4.0, along="z")
+    units = Population.line(step_mm=1.0, half_length_mm=4.0, along="z").with_endings(0.0)
     there, back = (
         touch_skin(
             PAD, Shape.plate(),
@@ -326,33 +327,24 @@ def test_a_touch_and_a_field_are_shown_in_a_few_lines():
 
 
 def test_a_field_is_read_back_as_it_was_written(tmp_path):
-    field = fb.receptive_field("RA", depth_um=[100, 300], step_mm=1.0)
+    """Also the least sensitive units, 4.5 times whose threshold is too deep."""
+    field = fb.receptive_field("RA", units=31, depth_um=[100, 300], step_mm=1.0)
+    assert np.isnan(field.depth_um).any()
     field.write(tmp_path)
     again = fb.ReceptiveField.read(tmp_path)
-    pandas.testing.assert_frame_equal(again.areas, field.areas)
+    for name in ("summary", "areas", "units"):
+        pandas.testing.assert_frame_equal(getattr(again, name), getattr(field, name))
     pandas.testing.assert_frame_equal(again.to_frame(), field.to_frame())
+    assert np.array_equal(again.impulses, field.impulses)
     assert again.provenance == field.provenance
     with pytest.raises(UsageError) as error:
         fb.ReceptiveField.read(tmp_path, "SA")
     assert error.value.argument == "afferent"
-
-
-def test_the_response_that_parameters_are_fitted_on_is_that_of_a_touch(tmp_path):
-    response = pad_response(PAD)
-    write_map(tmp_path / "response.toml", response)
-    depth_um = np.array([75.0, 150.0, 300.0])
-    tensors = read_map(tmp_path / "response.toml").tensors(depth_um)
-    sites = [(place.x_mm, place.depth_mm) for place in response.places]
-    units = Population(
-        ("a", "b", "c"), tuple(place.afferent for place in response.places),
-        tuple(place.layer for place in response.places), np.array([x for x, _ in sites]),
-        np.zeros(3), np.array([depth for _, depth in sites]), np.zeros(3),
-    )  # fmt: skip
-    held = touch_skin(PAD, Shape.punch(1.0), Trajectory.press(press_um=300), units, FITTED)
-    samples = [np.abs(held.depth_um[:100] - depth).argmin() for depth in depth_um]
-    expected = tensor_von_mises(tensors) / depth_um[:, None]
-    # First touch is between nodes there and on one here: a micrometre or two.
-    assert_allclose(held.stress_pa[samples] / held.depth_um[samples, None], expected, rtol=0.05)
+    maps = tmp_path / "fields.csv"
+    maps.write_text(maps.read_text() + "RA1,RA,100.0,0.3,0.0,1\n")
+    with pytest.raises(ResultError) as error:
+        fb.ReceptiveField.read(tmp_path)
+    assert error.value.line == len(maps.read_text().splitlines())
 
 
 def test_a_plane_pad_answers_a_cylinder_as_the_response_map_of_the_ridged_section():
@@ -525,8 +517,8 @@ def test_pictures_are_drawn_by_name_on_own_axes_and_others_refused():
         with pytest.raises(UsageError) as error:
             touched.plot(kind, Figure().subplots(1, 7))
         assert error.value.argument == "ax"
-    field = fb.receptive_field("SA", depth_um=[200], step_mm=1.0)
-    for kind, count in (("field", 2), ("area", 1)):
+    field = fb.receptive_field("SA", units=3, depth_um=[200], step_mm=1.0)
+    for kind, count in (("field", 5), ("area", 1)):
         field.plot(kind).draw_without_rendering()
         field.plot(kind, Figure().subplots(1, count)).draw_without_rendering()
     for result in (touched, field):
@@ -535,29 +527,36 @@ def test_pictures_are_drawn_by_name_on_own_axes_and_others_refused():
         assert error.value.argument == "kind"
 
 
-def test_a_unit_feels_by_the_ending_that_is_driven_most_and_others_are_half_as_sensitive():
-    """Against points at the nine places, one by one; a Pacinian corpuscle has one ending."""
+def test_a_unit_feels_by_the_ending_that_is_driven_most_times_its_sensitivity():
+    """Against points at the places of the endings, one by one."""
     way, bar = Trajectory.press(press_um=300, hold_ms=20), Shape.bar(1.0, 6.0).moved(0.0, 1.3)
-    branched = touch_skin(PAD, bar, way, replace(ONE, endings_mm=1.2), FITTED)
-    around = 1.2 * np.stack([(np.cos(a), np.sin(a)) for a in np.arange(8) * np.pi / 4])
-    places = (0.0, 0.0), *around.tolist()
-    points = np.stack([
-        touch_skin(
-            PAD, bar, way, replace(Population.one_each(*place), endings_mm=0.0), FITTED
-        ).stress_pa[140]
-        for place in places
-    ])  # fmt: skip
-    points[1:] *= 0.5
-    assert points[1:, 0].max() > points[0, 0]
-    expected = points.max(axis=0)
-    expected[2] = points[0, 2]
-    assert_allclose(branched.stress_pa[140], expected, rtol=1e-3)
+    units = Population.line(step_mm=1.0, half_length_mm=2.0)
+    branched = touch_skin(PAD, bar, way, units, FITTED).stress_pa[140]
+    unit, x_mm, z_mm, sensitivity = units.endings()
+    classes = np.array(units.afferent)[unit].tolist()
+    points = replace(Population.at(classes, x_mm, z_mm), endings_mm=0.0)
+    felt = touch_skin(PAD, bar, way, points, FITTED).stress_pa[140] * sensitivity
+    expected = [felt[unit == row].max() for row in range(len(units))]
+    assert_allclose(branched, expected, rtol=1e-3)
+    assert (branched[:5] > 1.05 * felt[sensitivity == 1][:5]).any()  # by another than the middle
     with pytest.raises(UsageError, match="endings_mm"):
         replace(ONE, endings_mm=9.0)
 
 
+def test_the_pin_of_the_fit_drives_the_middle_ending_most():
+    """So rates under it are those that parameters are fitted to, whatever the other endings are."""
+    names = [str(number) for number in range(300)]
+    for name in ("SA", "RA"):
+        units = Population.at([name] * 300, np.zeros(300), np.zeros(300), unit=names)
+        pressed = press_to(PAD, Shape.punch(1.0), np.array([20.0, 100.0, 325.0, 600.0]))[:2]
+        stress, alone = (
+            driving_stress_pa(PAD, *pressed, each) for each in (units, units.with_endings(0.0))
+        )
+        assert_allclose(stress, alone, rtol=1e-5)
+
+
 def test_sa_fires_at_edges_several_times_more_than_on_plateaus_and_not_in_gaps_or_beside():
-    """As a user gets it; and under the pin of the fit it answers as to von Mises stress."""
+    """Single endings; and under the pin of the fit a unit answers as to von Mises stress."""
     parameters = parameter_set("fitted_pad")
     units = Population.line(step_mm=0.5, half_length_mm=4.0, afferents=("SA",))
     by_mises = replace(units, sa_von_mises=True)
@@ -567,14 +566,21 @@ def test_sa_fires_at_edges_several_times_more_than_on_plateaus_and_not_in_gaps_o
     assert_allclose(one.stress_pa[:, here], other.stress_pa[:, here], rtol=0.1, atol=200.0)
     assert_allclose(one.rate_ips[here], other.rate_ips[here], atol=5.0)
 
-    def rates(shape):
+    def rates(shape, units):
         held = touch_skin(PAD, shape, Trajectory.press(press_um=1000), units, parameters)
-        return held.rate_ips[units.z_mm >= 0]
+        return held.rate_ips
 
-    bar, gap = rates(Shape.bar(4.0, 14.0)), rates(Shape.grating(3.0, 4.0, 2.0))
+    after = units[units.z_mm >= 0]
+    points, grating = after.with_endings(0.0), Shape.grating(3.0, 4.0, 2.0)
+    bar, gap = rates(Shape.bar(4.0, 14.0), points), rates(grating, points)
     # Beside a bar and in a gap a unit fires once or twice while the shape comes.
     assert bar[3:6].max() > 1.6 * bar[:2].mean() > 16 and bar[7:].max() < 6
     assert gap[0] < 6 and gap[3:5].min() > 1.4 * gap[6:8].mean() > 16
+    # Fibres reach from the middle of a gap to its edges: their mean there is a third of it.
+    classes = ["SA"] * 12 * len(after)
+    fibres = Population.at(classes, np.tile(after.x_mm, 12), np.tile(after.z_mm, 12))
+    gap = rates(grating, fibres).reshape(12, -1).mean(axis=0)
+    assert gap[0] < 0.5 * gap[3]
 
 
 def test_what_sa_reads_is_pressure_and_a_share_of_tension_along_the_skin():
@@ -595,39 +601,132 @@ def test_what_sa_reads_is_pressure_and_a_share_of_tension_along_the_skin():
 
 @pytest.mark.parametrize("name", ["SA", "RA", "PC"])
 def test_a_field_grows_with_depth_around_the_afferent(name):
-    field = fb.receptive_field(name, depth_um=[100, 200, 400], step_mm=0.5)
-    areas = field.areas["area_mm2"].to_numpy()
-    assert (np.diff(areas) >= 0).all() and areas[-1] > 0
-    # Mirrored about both axes, but for RA, which sits beside the middle.
+    field = fb.receptive_field(
+        name, units=3, depth_um=[100, 200, 400], times_threshold=[], step_mm=0.5
+    )
+    areas = field.areas["area_mm2"].to_numpy().reshape(3, 3)
+    assert (np.diff(areas, axis=1) >= 0).all() and areas[1, -1] > 0
+    assert (np.diff(areas, axis=0) <= 0).all() or name != "PC"  # alike but for sensitivity
+    assert (np.diff(field.threshold_um) > 0).all() and field.threshold_um[1] < 400
+    for impulses in field.impulses[:2, -1]:
+        hot = np.argwhere(impulses == impulses.max())
+        assert np.hypot(field.x_mm[hot[:, 0]], field.z_mm[hot[:, 1]]).min() <= 0.5
+
+
+def test_a_single_ending_has_a_field_that_is_its_own_mirror_image():
+    field = fb.receptive_field(
+        "SA", units=1, depth_um=[400], times_threshold=[], step_mm=0.5, endings_mm=0.0
+    )
+    assert_allclose(field.impulses, field.impulses[..., ::-1])
     assert_allclose(field.impulses, field.impulses[:, :, ::-1])
-    hot = np.argwhere(field.impulses[-1] == field.impulses[-1].max())
-    assert np.abs(field.x_mm[hot[:, 0]]).min() <= 0.5
-    assert field.threshold_um < 400
+    assert field.hot_spots.tolist() == [1]
 
 
 def test_a_threshold_is_where_the_first_impulse_is():
-    field = fb.receptive_field("SA", depth_um=[100], step_mm=1.0)
-    below, above = (
-        fb.receptive_field("SA", depth_um=[share * field.threshold_um], step_mm=1.0)
-        for share in (0.98, 1.02)
+    field = fb.receptive_field("SA", units=3, depth_um=[100], step_mm=0.5)
+    for share, is_reached in ((0.98, False), (1.02, True)):
+        depth_um = (share * field.threshold_um).tolist()
+        again = fb.receptive_field("SA", units=3, depth_um=depth_um, step_mm=0.5)
+        areas = again.areas["area_mm2"].to_numpy().reshape(3, -1)
+        assert (np.diag(areas) > 0).tolist() == [is_reached] * 3
+    # The force of the probe there, and units that differ in sensitivity alone.
+    _, forces, _ = press_to(PAD, Shape.punch(0.5), field.threshold_um)
+    assert_allclose(field.threshold_mn, 1e3 * forces.sum(axis=1), rtol=0.02)
+    spread = parameter_set("fitted_pad").parameters["SA"].spread
+    assert_allclose(
+        np.log(field.threshold_um), np.log(field.threshold_um[1]) + spread * field.deviate, atol=0.1
     )
-    assert below.areas["area_mm2"].item() == 0 < above.areas["area_mm2"].item()
 
 
-def test_a_multiple_of_threshold_is_a_depth():
-    field = fb.receptive_field("RA", depth_um=[], times_threshold=[2.0], step_mm=1.0)
-    assert_allclose(field.depth_um, [2 * field.threshold_um])
+def test_a_multiple_of_threshold_is_a_depth_of_each_unit_or_too_deep():
+    field = fb.receptive_field("RA", units=3, depth_um=[], times_threshold=[2.0, 9.0], step_mm=1.0)
+    assert_allclose(field.depth_um[:, 0], 2 * field.threshold_um)
+    assert np.isnan(field.depth_um[-1, 1]) and np.isnan(field.areas["area_mm2"].iloc[-1])
+    assert_allclose(field.depth_um[:2, 1], 9 * field.threshold_um[:2])
 
 
 def test_fields_at_a_multiple_of_threshold_are_about_as_large_as_in_man():
     """Medians of Vallbo & Johansson 1980 at 4 to 5 times threshold: SA 11.0, RA 12.6 mm2."""
-    shared = {"depth_um": [], "times_threshold": [4.5]}
-    for name, human_mm2 in (("SA", 11.0), ("RA", 12.6)):
-        branched = fb.receptive_field(name, **shared, step_mm=0.38)
-        assert 0.7 * human_mm2 < branched.areas["area_mm2"].item() < 1.1 * human_mm2
-    point = fb.receptive_field("RA", **shared, endings_mm=0.0, step_mm=0.5)
-    assert 1.5 * point.areas["area_mm2"].item() < branched.areas["area_mm2"].item()
-    assert_allclose(branched.threshold_um, point.threshold_um, rtol=0.05)
+    shared = {"units": 15, "depth_um": [], "times_threshold": [4.5], "step_mm": 0.38}
+    for name, low, high in (("SA", 0.6 * 11.0, 11.0), ("RA", 0.8 * 12.6, 1.2 * 12.6)):
+        branched = fb.receptive_field(name, **shared).summary.set_index("quantity")["median"]
+        assert low < branched["area_mm2 at 4.5 x threshold"] < high
+        assert 3 <= branched["hot_spots"] <= 7
+    point = fb.receptive_field("RA", **shared, endings_mm=0.0).summary.set_index("quantity")[
+        "median"
+    ]
+    assert 1.4 * point["area_mm2 at 4.5 x threshold"] < branched["area_mm2 at 4.5 x threshold"]
+    assert_allclose(branched["threshold_um"], point["threshold_um"], rtol=0.05)
+
+
+def test_few_traces_give_the_field_that_every_trace_gives(monkeypatch):
+    for name, tolerance in (("SA", 0.0), ("PC", 0.02)):
+        shared = {"units": 2, "depth_um": [200, 400], "times_threshold": [], "step_mm": 0.5}
+        few = fb.receptive_field(name, **shared, probe_diameter_mm=1.0)
+        with monkeypatch.context() as patched:
+            patched.setattr("fembridge.touching.receptive_field._TRACES", 10**9)
+            patched.setattr("fembridge.touching.receptive_field._LEAST_DRIVE", 1e-6)
+            every = fb.receptive_field(name, **shared, probe_diameter_mm=1.0)
+        areas = every.areas["area_mm2"].to_numpy()
+        assert_allclose(few.areas["area_mm2"], areas, rtol=tolerance, atol=1e-9)
+        inside = every.responds
+        assert np.abs(few.impulses - every.impulses)[inside].mean() < 0.05
+
+
+def test_probes_around_that_hold_the_skin_make_a_step_of_the_probe_stronger():
+    """The contact of all pins at once, by the heights of their ends."""
+    background_um, step_um, pixel_mm = 400.0, 60.0, 0.05
+    probe = _Probe(PAD, 0.5, np.array([0.0, step_um]), background_um, 1.0)
+    units = Population.one_each(afferents=("SA",)).with_endings(0.0)
+    drive_pa, force_n = probe.drive(units, np.array([0.0, 1.0]), np.array([0.0, 1.0]))
+    axis = np.arange(-160, 161) * pixel_mm
+    x_mm, z_mm = np.meshgrid(axis, axis)
+    pins = np.hypot(x_mm - np.round(x_mm), z_mm - np.round(z_mm)) <= 0.25 + 1e-6
+    stress, total_n = [], []
+    for raised_mm in (0.0, 1e-3 * step_um):
+        heights = np.where(pins, 0.0, -1.5)
+        heights[pins & (np.hypot(x_mm, z_mm) < 0.5)] = raised_mm
+        shape = Shape.from_heights(heights[::-1], pixel_mm)
+        depth_um = np.array([background_um + 1e3 * raised_mm])
+        nodes, forces, _ = press_to(PAD, shape, depth_um)
+        stress.append(driving_stress_pa(PAD, nodes, forces, units)[0, 0])
+        total_n.append(forces.sum())
+    assert_allclose(drive_pa[1, 0, 0, 0], stress[1] - stress[0], rtol=0.02)
+    # The probes around lose as much force as it gains, nearly.
+    assert abs(total_n[1] - total_n[0]) < 0.1 * force_n[1, 0, 0]
+    free = fb.receptive_field("SA", units=1, depth_um=[50])
+    held = fb.receptive_field("SA", units=1, depth_um=[50], background_um=background_um)
+    assert held.threshold_um[0] < 0.5 * free.threshold_um[0]
+    assert free.areas["area_mm2"][0] == 0 < held.areas["area_mm2"][0]
+    with pytest.raises(UsageError) as error:
+        fb.receptive_field("SA", background_um=400, step_mm=0.5)
+    assert (error.value.argument, error.value.found) == ("step_mm", 0.5)
+    with pytest.raises(UsageError) as error:
+        fb.receptive_field("SA", background_um=1800, depth_um=[300], times_threshold=[])
+    assert (error.value.argument, error.value.found) == ("depth_um", 300.0)
+
+
+def test_hot_spots_are_the_local_maxima_of_half_the_largest_or_more():
+    rng = np.random.default_rng(8)
+    maps = rng.integers(0, 9, (6, 9, 11)).astype(float)
+    maps[0] = 1.0  # flat: one
+    maps[1] = 0.0  # silent: none
+    for drive, found in zip(maps, hot_spot_counts(maps).tolist(), strict=True):
+        count = 0
+        for x in range(9):
+            for z in range(11):
+                around = [
+                    (drive[i, j], (i, j))
+                    for i in range(max(x - 1, 0), min(x + 2, 9))
+                    for j in range(max(z - 1, 0), min(z + 2, 11))
+                    if (i, j) != (x, z)
+                ]
+                top = all(
+                    drive[x, z] > value or (drive[x, z] == value and (x, z) < place)
+                    for value, place in around
+                )
+                count += top and drive[x, z] >= 0.5 * drive.max() > 0
+        assert found == count
 
 
 @pytest.mark.parametrize(
@@ -640,6 +739,8 @@ def test_fields_at_a_multiple_of_threshold_are_about_as_large_as_in_man():
         ("times_threshold", [[0.0], [np.nan], [1e308]]),
         ("frequency_hz", [np.nan, np.inf, 0.0]),
         ("step_mm", [0.0, np.nan, np.inf]),
+        ("units", [0, 1.5, 201]),
+        ("background_um", [-1.0, np.nan, 1e308]),
     ],
 )
 def test_a_field_of_nothing_is_refused(name, values):
