@@ -3,8 +3,8 @@
 ``python -m benchmarks.shipped_sets observed_sine_rates.csv -o FOLDER`` runs ``fembridge fit`` on
 the stored response of the ``quick`` finger and under a pin of 1 mm on the reference pad, to rates
 of sinusoids, thresholds and timing, and copies both sets into FOLDER. ``--set`` fits one of them,
-``--ridges none`` on smooth skin. Processor time on one core with numba: `fitted_pad` 5 minutes on
-ridged skin, 1.5 on smooth skin. The observed rates may not be distributed.
+``--ridges none`` on smooth skin. Processor time on one core with numba: `fitted` 7 minutes,
+`fitted_pad` 5 on ridged skin, 1.5 on smooth skin. The observed rates may not be distributed.
 """
 
 import argparse

@@ -45,6 +45,8 @@ from neural import parameter_set
 
 PAD = resolve_pad("reference")
 PARAMETERS = parameter_set("fitted_pad")
+# Fibres whose median or mean is taken at each place: they differ in their endings.
+FIBRES = 12
 # Of the ten cells of a class the most sensitive.
 MOST_SENSITIVE = float(norm.ppf(0.05))
 WIDTHS_MM = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0)
@@ -129,11 +131,24 @@ def fields():
     return table(["mm² (threshold)", *AFFERENTS], lines)
 
 
+def fibres(line, count):
+    """`count` units at each place of `line`, each with the same endings at all places."""
+    places = [np.tile(values, count) for values in (line.x_mm, line.z_mm, line.depth_mm)]
+    seeds = np.repeat(np.arange(count), len(line))
+    names = [str(number) for number in range(seeds.size)]
+    units = Population(
+        names, line.afferent * count, line.layer * count, *places, np.zeros(seeds.size)
+    )
+    return replace(units, endings_seed=seeds)
+
+
 def amplitudes_um(endings_mm=ENDINGS_MM, deviate=0.0):
     """Amplitude for one impulse per cycle at `DISTANCES_MM`; infinite if none suffices."""
     times_ms = np.arange(501) * DT_MS
     sine = np.sin(2 * np.pi * 40 * times_ms / 1000)
-    units = Population.line(step_mm=0.25, half_length_mm=8.0, afferents=("RA",))
+    line = Population.line(step_mm=0.25, half_length_mm=8.0, afferents=("RA",))
+    count = FIBRES if endings_mm else 1
+    units = fibres(line, count)
     units = replace(units, endings_mm=endings_mm, deviate=np.full(len(units), deviate))
     amplitudes = np.geomspace(15, 900, 40)
     counts = []
@@ -144,7 +159,7 @@ def amplitudes_um(endings_mm=ENDINGS_MM, deviate=0.0):
         counts.append(touch_skin(PAD, Shape.punch(2.0), trajectory, units, PARAMETERS).rate_ips)
     reached = np.array(counts) / 40 >= 0.99
     needed = np.where(reached.any(axis=0), amplitudes[reached.argmax(axis=0)], np.inf)
-    return np.interp(DISTANCES_MM, units.z_mm, needed)
+    return np.interp(DISTANCES_MM, line.z_mm, np.median(needed.reshape(count, -1), axis=0))
 
 
 def distance():
@@ -191,10 +206,11 @@ def profiles(endings_mm=ENDINGS_MM, pad=PAD, sa_von_mises=False):
     """Rates of SA from the middle outwards, by kind and width; along the plane pad."""
     plane = pad is not PAD
     step_mm, axis = (0.5, "x") if plane else (0.25, "z")
-    units = Population.line(step_mm, 4.0, axis, ("SA",), finger=pad.finger)
-    units = replace(units, sa_von_mises=sa_von_mises, endings_mm=endings_mm)
-    place_mm = getattr(units, f"{axis}_mm")
+    line = Population.line(step_mm, 4.0, axis, ("SA",), finger=pad.finger)
+    place_mm = getattr(line, f"{axis}_mm")
     shown = [int(np.argmin(np.abs(place_mm - mm))) for mm in np.arange(0, 3.1, 0.5)]
+    count = 2 * FIBRES if endings_mm else 1
+    units = replace(fibres(line[shown], count), sa_von_mises=sa_von_mises, endings_mm=endings_mm)
     parameters = parameter_set("fitted" if plane else "fitted_pad")
     results = {}
     for width in WIDTHS_MM:
@@ -202,7 +218,8 @@ def profiles(endings_mm=ENDINGS_MM, pad=PAD, sa_von_mises=False):
         for kind, shape in shapes.items():
             turned = shape.rotated(90.0 if plane else 0.0)
             held = touch_skin(pad, turned, Trajectory.press(press_um=1000), units, parameters)
-            results[kind, width] = " ".join(f"{held.rate_ips[row]:.0f}" for row in shown)
+            means = held.rate_ips.reshape(count, -1).mean(axis=0)
+            results[kind, width] = " ".join(f"{rate:.0f}" for rate in means)
     return results
 
 

@@ -251,7 +251,7 @@ _SHARED: Mapping[str, Description] = {
     ),
     "endings_mm": (
         "MM",
-        "distance from the most sensitive ending of an SA or RA unit up to which its 3 to 9 other "
+        "distance from the most sensitive ending of an SA or RA unit up to which its 4 to 9 other "
         "endings lie; the ending with the largest drive counts; 0: a single ending",
     ),
     "sa_von_mises": "SA units respond to von Mises stress, as in the paper, instead of "

@@ -110,9 +110,10 @@ def field_figure(field: "ReceptiveField", axes: "Sequence[Axes] | None" = None) 
         median_um, median_mn = (
             float(np.median(values)) for values in (field.threshold_um, field.threshold_mn)
         )
-        count = f", {len(field.unit)} units" if len(field.unit) > 1 else ""
+        many = len(field.unit) > 1
+        count, median = (f", {len(field.unit)} units", "median ") if many else ("", "")
         figure.suptitle(
-            f"{field.afferent}{count}, probe {field.probe_diameter_mm:g} mm, median threshold "
+            f"{field.afferent}{count}, probe {field.probe_diameter_mm:g} mm, {median}threshold "
             f"{median_um:.3g} µm, {median_mn:.2g} mN",
             **class_style(field.afferent),
         )

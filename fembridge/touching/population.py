@@ -47,10 +47,10 @@ BRANCHED = ("SA", "RA")
 # Chosen by receptive fields and gaps, decision 0060: radius of the area of a unit's endings; their
 # number; and of all but the most sensitive ending, which is in the middle and has 1, the least
 # distance from it as a share of the radius and the range of sensitivities.
-ENDINGS_MM = 1.6
-_FEWEST_ENDINGS, _MOST_ENDINGS = 4, 10
-_LEAST_DISTANCE = 0.45
-_LEAST_SENSITIVITY, _LARGEST_SENSITIVITY = 0.4, 0.8
+ENDINGS_MM = 1.5
+_FEWEST_ENDINGS, _MOST_ENDINGS = 5, 10
+_LEAST_DISTANCE = 0.5
+_LEAST_SENSITIVITY, _LARGEST_SENSITIVITY = 0.45, 0.75
 _MOST_UNITS = 200_000
 _RANGES: Mapping[str, Range] = {
     "x_mm": Range(-1000, 1000),
@@ -81,9 +81,9 @@ class Population:
         Sensitivity, ``(U,)``: a unit of deviate q needs ``exp(spread q)`` times the stress of
         the median unit of its class; the spread is that of the neural parameters.
     endings_mm
-        An SA or RA unit has 4 to 10 endings: the most sensitive at its position, the others,
-        with 0.4 to 0.8 of its sensitivity, around it at random, up to this distance in mm. The
-        ending with the largest drive counts. 0: a single ending. Default: 1.6.
+        An SA or RA unit has 5 to 10 endings: the most sensitive at its position, the others,
+        with 0.45 to 0.75 of its sensitivity, around it at random, up to this distance in mm. The
+        ending with the largest drive counts. 0: a single ending. Default: 1.5.
     sa_von_mises
         Whether SA units respond to von Mises stress, as in the paper, instead of compression
         and stretch, see `fembridge.touching.stress`. Default: False.

@@ -388,7 +388,7 @@ class PrismPad(Pad):
 
     def extent_mm(self) -> tuple[FloatArray, FloatArray, float, float]:
         """Half the skin for a population, see `Pad`."""
-        return finger_extent_mm(self.finger)
+        return _extent_mm(self.section)
 
     def margins(self, x_mm: FloatArray, z_mm: FloatArray) -> Iterator[SkinMargin]:
         """Positions without skin or stress; a pad that is plane has no ends along z."""
@@ -626,9 +626,12 @@ def _lattice(nodes: SkinNodes) -> LatticeNodes:
 
 def finger_extent_mm(finger: Finger) -> tuple[FloatArray, FloatArray, float, float]:
     """Half the skin of a finger for a population, see `Pad.extent_mm`."""
-    section = section_of(finger)
+    return _extent_mm(section_of(finger))
+
+
+def _extent_mm(section: Section) -> tuple[FloatArray, FloatArray, float, float]:
     widest = int(section.point_mm[:, 0].argmax())
-    half_mm = min(_HALF_WIDTH_MM, 0.9 * finger.outline.half_width_mm)
+    half_mm = min(_HALF_WIDTH_MM, 0.9 * section.finger.outline.half_width_mm)
     arc_mm, x_mm = section.arc_mm[: widest + 1], section.point_mm[: widest + 1, 0]
     return arc_mm, x_mm, half_mm, _HALF_LENGTH_MM
 

@@ -141,8 +141,7 @@ class ReceptiveField(Shown):
         count = f"{len(self.unit)} units of {self.afferent}"
         medians = self.summary.set_index("quantity")["median"]
         areas = ", ".join(
-            f"{medians[label]:.1f} mm² at {label.removeprefix('area_mm2 at ')}"
-            for label in self.depth_labels("area_mm2 at ")
+            f"{medians[f'area_mm2 at {label}']:.1f} mm² at {label}" for label in self.depth_labels
         )
         return [
             f"Receptive fields of {count}, probe {self.probe_diameter_mm:g} mm",
@@ -173,10 +172,11 @@ class ReceptiveField(Shown):
             **{name: np.array(getattr(self, name)).tolist() for name in _OF_UNITS},
         }
 
-    def depth_labels(self, before: str = "") -> list[str]:
+    @property
+    def depth_labels(self) -> list[str]:
         """Name of each depth: ``50 um``, or ``4.5 x threshold``."""
         return [
-            f"{before}{depth:g} um" if np.isnan(times) else f"{before}{times:g} x threshold"
+            f"{depth:g} um" if np.isnan(times) else f"{times:g} x threshold"
             for times, depth in zip(self.times_threshold, self.depth_um[0], strict=True)
         ]
 
@@ -239,7 +239,8 @@ class ReceptiveField(Shown):
 
         values = {name: self.units[name].to_numpy(np.float64) for name in UNIT_COLUMNS[3:]}
         areas = self.areas["area_mm2"].to_numpy().reshape(len(self.unit), -1)
-        values |= dict(zip(self.depth_labels("area_mm2 at "), areas.T, strict=True))
+        labels = [f"area_mm2 at {label}" for label in self.depth_labels]
+        values |= dict(zip(labels, areas.T, strict=True))
         shares, rows = [0.25, 0.5, 0.75], []
         for name, column in values.items():
             known = np.sort(column[~np.isnan(column)])
@@ -486,7 +487,7 @@ def receptive_field(
         diameter. Default: None, 0.25, in an array 1.5 diameters.
     endings_mm
         Radius in mm of the area of the endings of an SA or RA unit, as in `Population`; 0: a
-        single ending. Default: 1.6.
+        single ending. Default: 1.5.
     sa_von_mises
         Whether SA units respond to von Mises stress. Default: False.
     pad

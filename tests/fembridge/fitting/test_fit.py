@@ -294,3 +294,17 @@ def test_a_fit_is_drawn_into_axes_of_the_caller(run):
 def test_a_folder_without_a_fit_is_refused(tmp_path):
     with pytest.raises(ParameterError):
         Fit.read(tmp_path)
+
+
+def test_rules_may_differ_by_class():
+    search = fb.Search(rule="SA=tolerant, RA=balanced")
+    assert [search.rule_of(name) for name in ("SA", "RA", "PC")] == [
+        "tolerant",
+        "balanced",
+        "smallest_error",
+    ]
+    assert fb.Search(rule="tolerant").rule_of("PC") == "tolerant"
+    for rule in ("SA=none", "XY=tolerant", "none", "SA=tolerant,balanced"):
+        with pytest.raises(UsageError) as refused:
+            fb.Search(rule=rule)
+        assert refused.value.argument == "rule"

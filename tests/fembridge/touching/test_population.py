@@ -271,7 +271,7 @@ def endings_by_unit(units):
     return {name: table[unit == row] for row, name in enumerate(units.unit)}
 
 
-def test_the_most_sensitive_ending_of_a_fibre_is_in_the_middle_of_four_to_ten():
+def test_the_most_sensitive_ending_of_a_fibre_is_in_the_middle_of_five_to_ten():
     units = Population.fingertip(seed=4)
     endings = endings_by_unit(units)
     counts = []
@@ -279,13 +279,13 @@ def test_the_most_sensitive_ending_of_a_fibre_is_in_the_middle_of_four_to_ten():
         (x_mm, z_mm, sensitivity), *others = endings[name]
         assert (x_mm, z_mm, sensitivity) == (0, 0, 1)
         away_mm = np.hypot(*np.reshape(others, (-1, 3)).T[:2])
-        assert ((away_mm > 0.7) & (away_mm <= units.endings_mm)).all()
-        assert all(0.4 <= share <= 0.8 for *_, share in others)
+        assert ((away_mm >= 0.75 - 1e-9) & (away_mm <= units.endings_mm + 1e-9)).all()
+        assert all(0.45 <= share <= 0.75 for *_, share in others)
         if afferent == "PC":
             assert not others
         else:
             counts.append(1 + len(others))
-    assert set(counts) == set(range(4, 11))
+    assert set(counts) == set(range(5, 11))
 
 
 def test_endings_fill_the_ring_evenly_and_no_two_fibres_are_alike():
@@ -294,8 +294,8 @@ def test_endings_fill_the_ring_evenly_and_no_two_fibres_are_alike():
     others = np.concatenate([table[1:] for table in branched])
     mean_mm, away_mm = others[:, :2].mean(axis=0), np.hypot(others[:, 0], others[:, 1])
     assert np.abs(mean_mm).max() < 4 * away_mm.std() / np.sqrt(len(others)) + 0.02
-    # In a ring from 0.45 to 1 of the radius half of the area lies within this distance.
-    half_mm = units.endings_mm * np.sqrt(0.5 * (1 + 0.45**2))
+    # In a ring from 0.5 to 1 of the radius half of the area lies within this distance.
+    half_mm = units.endings_mm * np.sqrt(0.5 * (1 + 0.5**2))
     assert np.mean(away_mm < half_mm) == pytest.approx(0.5, abs=0.03)
     assert len({table[1].tobytes() for table in branched}) == len(branched)
 
@@ -310,7 +310,7 @@ def test_a_unit_keeps_its_endings_when_selected_joined_written_and_read(tmp_path
         part,
         joined[:4],
         Population.from_table(tmp_path / "units.csv"),
-        units.with_endings(1.6),
+        units.with_endings(1.5),
     )
     for other in (*alike, Population.fingertip(seed=2, density=1.0)):
         for name, table in endings_by_unit(other).items():
@@ -348,8 +348,8 @@ def test_numbers_of_endings_are_those_of_splitmix64():
     units = replace(units, endings_seed=[seed])
     count, turn, area, *_ = expected
     _, x_mm, z_mm, _ = units.endings()
-    assert x_mm.size == 4 + int(7 * count)
-    away_mm = units.endings_mm * np.sqrt(0.45**2 + (1 - 0.45**2) * area)
+    assert x_mm.size == 5 + int(6 * count)
+    away_mm = units.endings_mm * np.sqrt(0.5**2 + (1 - 0.5**2) * area)
     assert_allclose(np.hypot(x_mm, z_mm)[1], away_mm, rtol=1e-12)
     sector = (np.arctan2(z_mm[1], x_mm[1]) / (2 * np.pi) - turn) % 1
     assert 0 <= sector <= 1 / (x_mm.size - 1)

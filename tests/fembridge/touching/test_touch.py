@@ -670,7 +670,7 @@ def test_few_traces_give_the_field_that_every_trace_gives(monkeypatch):
         areas = every.areas["area_mm2"].to_numpy()
         assert_allclose(few.areas["area_mm2"], areas, rtol=tolerance, atol=1e-9)
         inside = every.responds
-        assert np.abs(few.impulses - every.impulses)[inside].mean() < 0.05
+        assert np.abs(few.impulses - every.impulses)[inside].mean() < 0.15
 
 
 def test_probes_around_that_hold_the_skin_make_a_step_of_the_probe_stronger():
