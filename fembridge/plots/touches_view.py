@@ -26,6 +26,7 @@ MOST_NAMES = 40
 
 _HEIGHT_IN = 2.3
 _NAME_IN = 1.2
+_FEW = 20  # values, up to which their means are joined even if none occurs twice
 _MANY = 200  # touches, from which on dots are small
 
 
@@ -59,7 +60,8 @@ def touches_figure(rates: "pd.DataFrame", column: str, axes: "Panels | None" = N
         if len(mean) < len(rows):
             panel.plot(rows["position"], rows["rate_ips"], "o", markersize=size, color=FAINT)
         style = {"color": colour, "markersize": size, "linewidth": LINE_PT}
-        panel.plot(mean.index, mean, "o-" if is_number and len(mean) <= _MANY else "o", **style)
+        is_curve = is_number and (len(mean) <= _FEW or 2 * len(mean) <= len(rows))
+        panel.plot(mean.index, mean, "o-" if is_curve else "o", **style)
         panel.set_title(afferent, **class_style(afferent))
         panel.set_xlabel(column, fontsize=TEXT_PT)
         panel.set_ylim(bottom=0)

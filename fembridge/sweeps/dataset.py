@@ -304,9 +304,14 @@ def part_name(table: str, part: int) -> str:
 
 
 def finished_parts(store: Store) -> list[int]:
-    """Numbers of the parts that are finished."""
-    matches = (_PART.fullmatch(name) for name in store.names("touches"))
-    return sorted(int(match[1]) for match in matches if match)
+    """Numbers of the parts that are finished: all their files are there."""
+    return sorted(set.intersection(*(_parts_of(store, table) for table in TABLES)))
+
+
+def _parts_of(store: Store, table: str) -> set[int]:
+    """Numbers of the parts that have a file of a table."""
+    matches = (_PART.fullmatch(name) for name in store.names(table))
+    return {int(match[1]) for match in matches if match}
 
 
 def schema_of(table: str, labels: Mapping[str, str] | None = None) -> Any:  # noqa: ANN401 - Arrow's
@@ -378,7 +383,7 @@ def read_part(store: Store, table: str, part: int) -> Any:  # noqa: ANN401 - an 
 def damaged_files(store: Store) -> list[str]:
     """Files whose content is not that of which their part has the checksum, or that are absent."""
     damaged = []
-    for part in finished_parts(store):
+    for part in sorted(_parts_of(store, "touches")):
         about = json.loads((read_part(store, "touches", part).schema.metadata or {})[_META])
         for table, sha256 in about["sha256"].items():
             name = part_name(table, part)

@@ -428,6 +428,25 @@ def test_verify_finds_a_changed_file_and_a_changed_pad(tmp_path, file):
     assert json.loads(data.touches["settings"][2])["seed"] == 2
 
 
+def test_a_part_with_a_file_that_was_deleted_is_named_and_computed_again(tmp_path):
+    rows = rows_of(3)
+    touch_many(rows, tmp_path / "set", jobs=1)
+    files = bytes_of(tmp_path / "set")
+    (tmp_path / "set/forces/part-00000.parquet").unlink()
+    assert dataset.damaged_files(dataset.store_of(tmp_path / "set")) == [
+        "forces/part-00000.parquet"
+    ]
+    assert fb.read(tmp_path / "set").parts == []
+    touch_many(rows, tmp_path / "set", jobs=1)
+    assert bytes_of(tmp_path / "set") == files
+
+
+def test_a_study_of_touches_is_none_of_fingers():
+    with pytest.raises(UsageError) as refused:
+        fb.sweep({"touches": {"press_um": 100}})
+    assert refused.value.key == "touches"
+
+
 def test_a_folder_of_another_table_is_refused_unless_nothing_of_it_is_done(tmp_path):
     touch_many(rows_of(1, x_mm=500), tmp_path / "set", jobs=1)
     touch_many(rows_of(1), tmp_path / "set", jobs=1)
