@@ -164,6 +164,7 @@ def test_thresholds_are_those_of_the_chosen_unit(tmp_path):
     assert amplitude_um() == (strong[0], None)
 
 
+@pytest.mark.filterwarnings("ignore:parameter set fitted")
 def test_a_study_of_own_decks_is_a_dataframe_or_a_dict(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("first", "second"):
