@@ -55,7 +55,7 @@ def _lines(
     for k in range(along):
         for column in range(across):
             # The first layer's elements come first, slice by slice, row by row.
-            yield f"{1 + k * _first_layer(prism) + column}, S5"
+            yield f"{1 + k * first_layer(prism) + column}, S5"
     yield "*SURFACE INTERACTION, NAME=TOUCH"
     yield "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR"
     yield f"{real(contact.stiffness_mpa_per_mm)}, 0.001"
@@ -81,7 +81,7 @@ def _lines(
         yield "*END STEP"
 
 
-def _first_layer(prism: Prism) -> int:
+def first_layer(prism: Prism) -> int:
     """Elements of the stratum corneum in a slice."""
     return int((prism.row_layer == prism.row_layer[0]).sum()) * prism.nail_column
 

@@ -59,8 +59,10 @@ _FRESH_CHANGES = 2_000
 _FIRST_REACH_MM = 0.25
 # ... of so many steps of a way.
 _TRIED_STEPS = 6
-# The deepest that superposition of small strains is meant for.
+# The deepest that superposition of small strains is meant for, and the deepest and the strongest
+# touch with large strain (`fembridge.touching.large_strain`).
 MOST_UM = 2_000.0
+DEEPEST_UM, STRONGEST_N = 4_000.0, 5.0
 MM_PER_UM = 1.0e-3
 # So many steps of a way are in memory with the gaps of all nodes.
 _STEPS_AT_ONCE = 256

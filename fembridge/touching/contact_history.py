@@ -19,6 +19,7 @@ from fembridge.errors import UsageError
 from fembridge.host.memory import check_memory
 from fembridge.touching.contact import (
     MM_PER_UM,
+    MOST_UM,
     ContactSolver,
     PressBy,
     press_steps,
@@ -33,6 +34,7 @@ from fembridge.touching.contact_warnings import (
     texture_warning,
 )
 from fembridge.touching.grid_contact import GridContactSolver
+from fembridge.touching.large_strain import LargeStrain, has_large_strain, is_deep, press_deep
 from fembridge.touching.pad import Pad, SkinNodes
 from fembridge.touching.relaxation import Relaxation, RelaxingContact, relaxation_of
 from fembridge.touching.shape import Shape
@@ -65,6 +67,9 @@ class ContactHistory:
     drag
         Force along x and z that comes with 1 N into the skin, ``(S, 2)``; None where nothing
         slips.
+    large_strain
+        Loads that stand for contact and large strain in the states of a deep touch. Default: None,
+        small strain.
     layer_forces_n
         By layer, forces ``(S, node)`` whose elastic stress is that in the layer. Default: none,
         `forces_n`; relaxing skin has others.
@@ -78,6 +83,7 @@ class ContactHistory:
     position: FloatArray
     drag: FloatArray | None = None
     layer_forces_n: Mapping[str, SingleArray] = field(default_factory=dict)
+    large_strain: LargeStrain | None = None
 
     def forces_in(self, layer: str) -> FloatArray | SingleArray:
         """Forces ``(S, node)`` in N whose elastic stress is that in a layer.
@@ -154,6 +160,15 @@ def _solve(
     pad: Pad, shape: Shape | None, trajectory: Trajectory, friction: float, memory: _Memory
 ) -> ContactHistory:
     """Contact of elastic skin, or of skin with a memory."""
+    deepest_um = 0.0 if trajectory.by_force else float(trajectory.level.max())
+    goes_in_and_out = not (trajectory.pins is not None or trajectory.slides or memory)
+    if deepest_um > MOST_UM and not (goes_in_and_out and has_large_strain(pad)):
+        raise UsageError(
+            "is for shapes that go in and out of the pad of a finger without ridges of its own",
+            argument="depth_um",
+            found=deepest_um,
+            expected=f"at most {MOST_UM:g} um",
+        )
     if trajectory.pins is not None:
         return _press_pins(pad, trajectory, trajectory.pins, memory)
     if shape is None:
@@ -164,11 +179,19 @@ def _solve(
         return _press_over_time(pad, shape, trajectory, memory)
     highest = max(float(trajectory.level.max()), 1e-9)
     level = highest * (np.arange(LEVELS) / (LEVELS - 1)) ** 1.5
-    nodes, forces, depth_um = press_to(pad, shape, level, by_force=trajectory.by_force)
+    # A force that never presses is a depth of nothing.
+    by_force, large_strain = trajectory.by_force and float(trajectory.level.max()) > 0, None
+    if has_large_strain(pad) and is_deep(pad, shape, level, by_force=by_force):
+        nodes: SkinNodes
+        nodes, forces, depth_um, large_strain = press_deep(pad, shape, level, by_force=by_force)
+    else:
+        nodes, forces, depth_um = press_to(pad, shape, level, by_force=by_force)
     is_loaded = np.asarray((forces > 0).any(axis=0))
     nodes, forces = nodes.subset(is_loaded), forces[:, is_loaded]
     position = np.clip(trajectory.level, 0.0, highest)
-    return ContactHistory(nodes, forces, forces.sum(axis=1), depth_um, level, position)
+    return ContactHistory(
+        nodes, forces, forces.sum(axis=1), depth_um, level, position, large_strain=large_strain
+    )
 
 
 def _press_over_time(
@@ -355,6 +378,6 @@ def contact_warnings(
         width_mm = narrow_part_mm(pad, shape, contact.nodes, contact.forces_n[hardest])
         narrow = narrow_warning(pad, shape.name, width_mm)
     end = end_warning(pad, contact.nodes, contact.forces_n)
-    deep = depth_warning(float(contact.depth_um.max()))
+    deep = depth_warning(float(contact.depth_um.max()), large=contact.large_strain is not None)
     texts = (end, narrow, deep, None if ended is None else texture_warning(ended.name, end_ms))
     return [text for text in texts if text]

@@ -134,6 +134,20 @@ class SkinNodes(ABC):
         """
         return self, forces_n
 
+    def own_influence_pa(
+        self, layer: NDArray[np.str_], x_mm: FloatArray, z_mm: FloatArray, depth_mm: FloatArray
+    ) -> SingleArray | None:
+        """Stress ``(6, place, node)`` in Pa that only these nodes know; None: the pad knows it.
+
+        Parameters
+        ----------
+        layer
+            Layer of each place, ``(P,)``.
+        x_mm, z_mm, depth_mm
+            Position of each place on the skin, and depth below it, in mm, ``(P,)``.
+        """
+        return None
+
     @abstractmethod
     def cells(self) -> SkinCells:
         """Cells of the skin around these nodes, for a picture."""

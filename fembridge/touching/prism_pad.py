@@ -336,6 +336,18 @@ class PrismPad(Pad):
         """
         return nodes, forces_n
 
+    def values_at(self, nodes: "LatticeNodes", values: FloatArray) -> FloatArray:
+        """Values ``(n,)`` at nodes that may touch.
+
+        Parameters
+        ----------
+        nodes
+            Nodes of this pad.
+        values
+            Values at the nodes whose stress is known, ``(column, row)``.
+        """
+        return values[nodes.column, nodes.row + self.end_row]
+
     def first_touch_mm(self, shape: Shape) -> float:
         """How far `shape` is over the skin where it touches first, see `Pad`."""
         nodes = self.skin_nodes()
@@ -431,7 +443,8 @@ class PrismPad(Pad):
 
     def columns_per_place(self, nodes: SkinNodes) -> int:
         """Numbers of `influence_pa` for each place and component, see `Pad`."""
-        return np.unique(_lattice(nodes).column).size * 2 * self.stress_z_mm.size
+        columns = np.unique(nodes.column).size if isinstance(nodes, LatticeNodes) else nodes.size
+        return columns * 2 * self.stress_z_mm.size
 
     def influence_pa(
         self,
@@ -443,15 +456,18 @@ class PrismPad(Pad):
         drag: tuple[float, float] = (0.0, 0.0),
     ) -> SingleArray:
         """Stress ``(6, place, node)`` in Pa under unit forces, see `Pad`."""
+        known = nodes.own_influence_pa(layer, x_mm, z_mm, depth_mm)
+        if known is not None:
+            return known
         lattice = _lattice(nodes)
         columns, column = np.unique(lattice.column, return_inverse=True)
         rows, row = np.unique(lattice.row, return_inverse=True)
         middle = self.stress_z_mm
         along = middle if self.plane else np.concatenate([-middle[::-1], middle])
         row_numbers = np.flatnonzero(np.isin([row.layer for row in self.rows], layer))
-        weights = self._section_weights(row_numbers, layer, x_mm, depth_mm)
+        weights = self.section_weights(row_numbers, layer, x_mm, depth_mm)
         # Stress at the places in the section, along the finger: (place, 6 x column, K).
-        in_section = weights @ self._table(
+        in_section = weights @ self.stress_table_pa(
             row_numbers, columns - self.x_mm.size // 2, (drag[0], 1.0, drag[1])
         )
         in_slice = in_section.reshape(x_mm.size, 6 * columns.size, along.size)
@@ -469,7 +485,7 @@ class PrismPad(Pad):
         influence: SingleArray = np.moveaxis(by_column[:, :, column, row], 1, 0)
         return influence
 
-    def _table(
+    def stress_table_pa(
         self, row_numbers: IntArray, columns: IntArray, force: tuple[float, float, float]
     ) -> SingleArray:
         """Stress in the pad's `row_numbers` under `force` on `columns`, counted from the apex.
@@ -497,7 +513,7 @@ class PrismPad(Pad):
         rows, _, _, middles, _ = table.shape
         return np.moveaxis(table, 3, 1).reshape(rows * middles, -1)
 
-    def _section_weights(
+    def section_weights(
         self,
         row_numbers: IntArray,
         layer: NDArray[np.str_],

@@ -104,6 +104,8 @@ class ContactStress:
         self, units: Population, forces: FloatArray | SingleArray, states: slice
     ) -> FloatArray:
         contact, drag = self.contact, self.contact.drag
+        if contact.large_strain is not None:
+            return driving_stress_pa(self.pad, *contact.large_strain.stressed(states), units)
         if drag is None:
             return driving_stress_pa(self.pad, contact.nodes, forces, units)
         return driving_stress_pa(

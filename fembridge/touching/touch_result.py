@@ -18,14 +18,15 @@ from fembridge.io.text_table import read_table
 from fembridge.plots.shown import Shown
 from fembridge.touching.contact_history import ContactHistory, with_layer_forces
 from fembridge.touching.fingerprint import Fingerprint
-from fembridge.touching.pad import Pad
+from fembridge.touching.large_strain import LargeStrain, has_large_strain, sheet_of
+from fembridge.touching.pad import Pad, SkinNodes
 from fembridge.touching.pad_file import resolve_pad
 from fembridge.touching.population import Population
 from fembridge.touching.relaxation import Relaxation, pad_with_prony
 from fembridge.touching.ridged_pad import with_ridges
 from fembridge.touching.stress import ContactStress, von_mises_pa
 from fembridge.touching.trajectory import PinArray, Trajectory
-from fembridge.typing import FloatArray, IntArray, Table
+from fembridge.typing import FloatArray, IntArray, SingleArray, Table
 from neural.encoder import UnitSpikes
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ PICTURES = ("pad", "raster", "psth", "isi", "force")
 _MS_PER_S = 1.0e3
 # Arrays of `CONTACT_FILE`: of the contact, and of the trajectory.
 _CONTACT_ARRAYS = ("forces_n", "total_n", "depth_um", "knots", "position")
+_LOADS = "large_strain_loads_n"
 _TRAJECTORY_ARRAYS = ("x_mm", "z_mm", "pin_positions", "pin_depth_um")
 
 
@@ -149,8 +151,13 @@ class Touch(Shown):
         site = pad.afferents.get("SA") or next(iter(pad.afferents.values()))
         x, z = (axis.ravel() for axis in np.meshgrid(x_mm, z_mm))
         layers, depth_mm = np.full(x.size, site.layer), np.full(x.size, site.depth_mm)
-        forces_n = self.contact.forces_in(site.layer)[states]
-        nodes, forces_n = self.contact.nodes.spread_on_pad(forces_n)
+        nodes: SkinNodes
+        forces_n: FloatArray | SingleArray
+        if self.contact.large_strain is not None:
+            nodes, forces_n = self.contact.large_strain.stressed(states)
+        else:
+            forces_n = self.contact.forces_in(site.layer)[states]
+            nodes, forces_n = self.contact.nodes.spread_on_pad(forces_n)
         influence = pad.influence_pa(nodes, layers, *pad.clipped(x, z), depth_mm)
         stress_pa = von_mises_pa(influence, forces_n)
         return stress_pa.reshape(-1, z_mm.size, x_mm.size)
@@ -344,6 +351,8 @@ class Touch(Shown):
         }
         if contact.drag is not None:
             arrays["drag"] = contact.drag
+        if contact.large_strain is not None:
+            arrays[_LOADS] = contact.large_strain.loads_n
         if trajectory.x_mm is not None:
             arrays |= {"x_mm": trajectory.x_mm, "z_mm": trajectory.z_mm}
         if trajectory.pins is not None:
@@ -476,6 +485,7 @@ def _read_contact(
         forces_n = archive.read("forces_n")
         values = {name: archive.read_reals(name) for name in _CONTACT_ARRAYS[1:]}
         level = archive.read_reals("level")
+        loads_n = archive.read_reals(_LOADS) if _LOADS in archive.headers else None
     try:
         nodes = pad.nodes_from(numbers)
     except KeyError as missing_array:
@@ -507,8 +517,16 @@ def _read_contact(
     if trajectory.to_table()["sha256"] != stated["sha256"]:
         raise error("another trajectory than that of the record")
     total_n, depth_um, knots, position = (values[name] for name in _CONTACT_ARRAYS[1:])
-    drag = optional.get("drag")
-    return ContactHistory(nodes, forces_n, total_n, depth_um, knots, position, drag), trajectory
+    drag, large_strain = optional.get("drag"), None
+    if loads_n is not None:
+        smooth = pad.from_above
+        if not has_large_strain(smooth) or loads_n.shape != (knots.size, *sheet_of(smooth).shape):
+            raise error(f"{_LOADS} is {loads_n.shape}, not of this pad and these states")
+        large_strain = LargeStrain(smooth, loads_n.astype(np.float32), depth_um)
+    contact = ContactHistory(
+        nodes, forces_n, total_n, depth_um, knots, position, drag, large_strain=large_strain
+    )
+    return contact, trajectory
 
 
 def _read_spikes(path: Path, population: Population, trials: int) -> UnitSpikes:

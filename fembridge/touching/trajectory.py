@@ -16,7 +16,7 @@ from fembridge.errors import UsageError
 from fembridge.io.text_table import FRAME, read_table
 from fembridge.io.waveform import resolve_stimuli
 from fembridge.ranges import ABOVE_ZERO, Range, check_range
-from fembridge.touching.contact import MM_PER_UM, MOST_UM
+from fembridge.touching.contact import DEEPEST_UM, MM_PER_UM, MOST_UM
 from fembridge.touching.shape import MAX_AWAY_MM, Shape
 from fembridge.typing import FloatArray, Table
 
@@ -160,7 +160,7 @@ class Trajectory:
                 argument="window_ms", found=self.window_ms, expected="a start before the end"
             )
         if self.depth_um is not None:
-            _check_values("depth_um", self.depth_um, -_MAX_LIFT_UM, MOST_UM)
+            _check_values("depth_um", self.depth_um, -_MAX_LIFT_UM, DEEPEST_UM)
         if self.force_n is not None:
             _check_values("force_n", self.force_n, -_MAX_LIFT_UM, _MOST_N)
         if (self.x_mm is None) != (self.z_mm is None):

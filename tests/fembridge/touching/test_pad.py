@@ -35,7 +35,7 @@ def tensors(force, x_mm, z_mm, depth_mm=0.55, layer="epidermis"):
 
 def test_a_force_here_moves_there_what_a_force_there_moves_here():
     downward = PAD.compliance[1]
-    assert_allclose(downward, downward.transpose(1, 0, 2), atol=2e-4 * downward.max())
+    assert_allclose(downward, downward.transpose(1, 0, 2), atol=2.5e-4 * downward.max())
     # Of the continuum's compliance, positive definite where nodes are of one lattice.
     matrix = PAD.skin_nodes(half_length_mm=1.0).compliance().matrix
     assert np.linalg.eigvalsh(0.5 * (matrix + matrix.T)).min() > 0
@@ -126,7 +126,9 @@ def test_a_unit_where_the_pad_has_no_stress_is_refused(layer, depth_mm, named):
 
 def small_pad():
     """The middle five columns of the reference pad, the first elements and places."""
-    middle, rows = slice(16, 21), [0, 1, 2, 3, 4]
+    centre = PAD.x_mm.size // 2
+    middle, rows = slice(centre - 2, centre + 3), [0, 1, 2, 3, 4]
+    half = PAD.rows[0].arc_mm.size
     return replace(
         PAD,
         x_mm=PAD.x_mm[middle],
@@ -134,7 +136,7 @@ def small_pad():
         z_mm=PAD.z_mm[:4],
         stress_z_mm=PAD.stress_z_mm[:3],
         down_mm=PAD.down_mm[:, :3, middle, :4],
-        stress_pa=PAD.stress_pa[rows][:, :, :, :3, 25:31, :3],
+        stress_pa=PAD.stress_pa[rows][:, :, :, :3, half - 3 : half + 3, :3],
         rows=tuple(StressRow(row.layer, row.arc_mm[:3], row.depth_mm[:3]) for row in PAD.rows),
     )
 

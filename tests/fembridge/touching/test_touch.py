@@ -211,8 +211,9 @@ def test_a_height_map_needs_its_pixel_and_a_table_of_heights_no_relief(tmp_path,
 
 
 def test_a_force_that_is_too_large_and_a_shape_beside_the_pad_are_refused():
-    with pytest.raises(UsageError, match="2000"):
+    with pytest.raises(UsageError) as error:
         fb.touch(press_n=19.0, population="one_each")
+    assert "4000 um" in error.value.expected
     with pytest.raises(UsageError, match="beside the pad"):
         fb.touch(press_um=100, at_mm=(30.0, 0.0), population="one_each")
 
@@ -431,11 +432,11 @@ def test_a_height_map_that_slides_away_says_when_it_ends():
 
 
 def test_contact_at_the_end_of_the_skin_warns_with_its_place():
-    tilted = Shape("tilted plate", lambda x, z: np.clip(4.4 - x, 0.0, 9.0) + 0.0 * z)
+    tilted = Shape("tilted plate", lambda x, z: np.clip(6.4 - x, 0.0, 13.0) + 0.0 * z)
     brief = Trajectory.press(press_um=200, hold_ms=20)
-    with pytest.warns(FembridgeWarning, match="x = 4.33 mm"):
+    with pytest.warns(FembridgeWarning, match="x = 6.33 mm"):
         wide = touch_skin(PAD, tilted, brief, ONE, FITTED)
-    assert "4.33 mm" in wide.provenance["warnings"][0]
+    assert "6.33 mm" in wide.provenance["warnings"][0]
     with pytest.warns(FembridgeWarning, match="z = 12 mm"):
         touch_skin(PAD, Shape.sphere().moved(0.0, 14.0), brief, ONE, FITTED)
     near = touch_skin(PAD, Shape.punch(1.0), brief, ONE, FITTED)
@@ -493,7 +494,7 @@ def test_a_height_map_with_narrow_parts_warns(tmp_path):
 
 
 def test_more_than_a_millimetre_deep_warns_with_the_depth():
-    with pytest.warns(FembridgeWarning, match=r"1100 um deep.*1000 um"):
+    with pytest.warns(FembridgeWarning, match="1100 um deep"):
         fb.touch("sphere", Trajectory.press(1100, hold_ms=5), population="one_each")
     with pytest.warns(FembridgeWarning, match="um deep"):
         fb.touch("braille:text=b", Trajectory.press(press_n=0.4, hold_ms=5), population="one_each")
@@ -575,9 +576,9 @@ def test_sa_fires_at_edges_several_times_more_than_on_plateaus_and_not_in_gaps_o
     after = units[units.z_mm >= 0]
     points, grating = after.with_endings(0.0), Shape.grating(3.0, 4.0, 2.0)
     bar, gap = rates(Shape.bar(4.0, 14.0), points), rates(grating, points)
-    # Beside a bar and in a gap a unit fires once or twice while the shape comes.
-    assert bar[3:6].max() > 1.6 * bar[:2].mean() > 16 and bar[7:].max() < 6
-    assert gap[0] < 6 and gap[3:5].min() > 1.4 * gap[6:8].mean() > 16
+    # Beside a bar and in a gap a unit fires a few times while the shape comes.
+    assert bar[3:6].max() > 1.6 * bar[:2].mean() > 16 and bar[7:].max() < 9
+    assert gap[0] < 9 and gap[3:5].min() > 1.25 * gap[6:8].mean() > 16
     # Fibres reach from the middle of a gap to its edges: their mean there is a third of it.
     classes = ["SA"] * 12 * len(after)
     fibres = Population.at(classes, np.tile(after.x_mm, 12), np.tile(after.z_mm, 12))

@@ -79,7 +79,7 @@ def test_a_path_or_pins_with_another_column_or_no_number_name_the_line(
         ),
         (Trajectory.from_table, PATH.replace("0.25", "1e308"), "x_mm is 0 to 1e[+]308"),
         (Trajectory.from_table, PATH.replace("-10", "-1e308"), "depth_um is -1e[+]308"),
-        (Trajectory.from_table, PATH.replace("300", "1e308"), "expected -1e[+]06 to 2000"),
+        (Trajectory.from_table, PATH.replace("300", "1e308"), "expected -1e[+]06 to 4000"),
         (Trajectory.from_table, PATH.replace("depth_um", "force_n"), "expected -1e[+]06 to 20$"),
         (Trajectory.from_pins, PINS.split("\n")[0] + "\n", "0 pins"),
         (Trajectory.from_pins, PINS + "0,0,1,sine_20_250\n" * 2000, "2002 pins"),
