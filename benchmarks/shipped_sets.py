@@ -17,7 +17,7 @@ from fembridge.fitting.fit import PARAMETERS_FILE
 
 SETTINGS = [
     *("--thresholds", "thresholds_freeman_johnson_1982", "--timing", "--preindent-um", "75"),
-    *("--evaluations", "8000", "--rule", "SA=tolerant,RA=balanced,PC=tolerant"),
+    *("--evaluations", "8000", "--rule", "SA=tolerant,RA=smallest_error,PC=tolerant"),
 ]
 SETS = {"fitted": ["--held-out"], "fitted_pad": ["--pad", "reference"]}
 
