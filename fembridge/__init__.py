@@ -75,8 +75,10 @@ if TYPE_CHECKING:
     from fembridge.solver.fingertip import write_fingertip
     from fembridge.solver.settings import Solver
     from fembridge.stimulus import Stimulus
+    from fembridge.sweeps.dataset import Touches as Touches
     from fembridge.sweeps.sweep import Sweep as Sweep
     from fembridge.sweeps.sweep import sweep
+    from fembridge.sweeps.touches import touch_many
     from fembridge.touching.fingerprint import Fingerprint
     from fembridge.touching.make_pad import make_pad, pad_decks
     from fembridge.touching.pad import Pad
@@ -103,6 +105,7 @@ __all__ = [  # noqa: RUF022 - the main job first, then from deck to spikes, then
     "read",
     "encode",
     "touch",
+    "touch_many",
     "receptive_field",
     "make_pad",
     "pad_decks",
@@ -160,6 +163,8 @@ _HOMES = {
         ("fembridge.touching.shape", "Shape"),
         ("fembridge.touching.population", "Population"),
         ("fembridge.sweeps.sweep", "sweep Sweep"),
+        ("fembridge.sweeps.touches", "touch_many"),
+        ("fembridge.sweeps.dataset", "Touches"),
         ("fembridge.reporting.validation", "validate Validation"),
         ("fembridge.reporting.verify", "verify Verification"),
         ("fembridge.reporting.deflect", "deflect Deflections"),

@@ -110,11 +110,11 @@ def candidate_counts(
         limits = (
             0.0 if is_active else -np.inf for is_active in (membrane.clamped, membrane.until_turn)
         )
-        threshold = np.asarray(membrane.threshold)
+        numbers = membrane.threshold, *limits, membrane.fatigue, membrane.decay_of_fatigue
         arguments = (
             np.ascontiguousarray(np.abs(drives_of) if saturates else drives_of, dtype=kind),
             np.stack([*gains, alpha, decay, jump, decay_of_jump]),
-            (kind(threshold), *map(kind, limits)),
+            np.array(numbers, dtype=kind),
             int(np.asarray(membrane.refractory)),
             np.stack([first, end]),
             saturates,
@@ -221,7 +221,7 @@ def _step_each(
     conditions: IntArray,
     drives: FloatArray,
     values: FloatArray,
-    limits: tuple[FloatArray, FloatArray, FloatArray],
+    limits: FloatArray,
     refractory: int,
     window: IntArray,
     saturates: bool,
@@ -230,8 +230,9 @@ def _step_each(
     """Loop over `conditions`, rows and candidates; writes the columns of `counts`.
 
     The rows of `values` are gains of both drives, alpha, decay, jump and decay of the jump.
-    `limits` are the threshold, the lowest potential, and the potential below which the
-    threshold returns. A count is -1 where the final potential is not finite.
+    `limits` are the threshold, the lowest potential, the potential below which the threshold
+    returns, the fatigue after a spike, and the share kept of it. A count is -1 where the final
+    potential is not finite.
 
     Candidates that cannot reach the threshold are not stepped. Without leak a potential
     never exceeds the largest rise of the summed current; with leak it never exceeds the
@@ -239,7 +240,7 @@ def _step_each(
     thousandth for rounding. The innermost loop has no branches except choices between two
     numbers, so that it becomes vector instructions.
     """
-    threshold, lowest, turn = limits
+    threshold, lowest, turn, fatigue, decay_of_fatigue = limits
     zero = values.dtype.type(0)
     zero_rows, unity, rest_rows = np.int32(0), np.int32(1), np.int32(refractory)
     for condition in conditions:
@@ -264,6 +265,7 @@ def _step_each(
         stepped = np.flatnonzero(saturates | (leak > unity) | reaches)
         of_x, of_y, alpha, decay, jump, decay_of_jump = values[:, stepped]
         potential, raised = np.zeros_like(decay), np.zeros_like(decay)
+        tired, tires = np.zeros_like(decay), fatigue != zero
         silent, fired = np.zeros(stepped.size, np.int32), np.zeros(stepped.size, np.int32)
         adaptive = (jump != 0).any()
         for row in range(end):
@@ -285,10 +287,16 @@ def _step_each(
                     added_threshold = zero if next_potential < turn else added_threshold
                     added_threshold *= decay_of_jump[k]
                 next_potential = lowest if next_potential < lowest else next_potential
-                spike = next_potential > threshold + added_threshold
+                limit = threshold + added_threshold
+                if tires:
+                    tired[k] *= decay_of_fatigue
+                    limit += tired[k]
+                spike = next_potential > limit
                 potential[k] = zero if spike else next_potential
                 if adaptive:
                     raised[k] = added_threshold + (jump[k] if spike else zero)
+                if tires:
+                    tired[k] = fatigue if spike else tired[k]
                 fired[k] += counted if spike else zero_rows
                 silent[k] = rest_rows if spike else wait_rows - unity
         for k in range(stepped.size):

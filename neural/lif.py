@@ -14,8 +14,11 @@ spike raises by a jump and that returns with its own time constant::
 
     θ(t + dt) = (1 − dt/τ_θ) θ(t),  then + jump if v(t + dt) > gap + θ(t + dt)
 
-With *until the turn* the threshold returns completely as soon as a current drives v below
-rest.
+With *until the turn* θ returns to 0 as soon as a current drives v below rest. A membrane with
+*fatigue* has a second rise of the threshold, which each spike sets to one value, whatever it was,
+and which lasts across turns::
+
+    φ(t + dt) = (1 − dt/τ_φ) φ(t),  then φ = fatigue if v(t + dt) > gap + θ(t + dt) + φ(t + dt)
 
 Internally v is in units of dt, which saves a product per sample. This is exact where dt is
 a power of two, such as 0.5 ms.
@@ -44,7 +47,8 @@ class Membrane:
 
     `decay` is ``1 − dt/τ``; `threshold` is the gap and `jump` the rise of the threshold by a
     spike, both in mV over dt in ms; for `refractory` rows after a spike there is no current;
-    `decay_of_jump` is the share of a jump that remains one row later.
+    `decay_of_jump` is the share of a jump that remains one row later; `fatigue` is the second rise
+    that a spike sets, in the unit of `jump`, and `decay_of_fatigue` its share one row later.
     """
 
     decay: ArrayLike
@@ -54,6 +58,8 @@ class Membrane:
     jump: ArrayLike = 0.0
     decay_of_jump: ArrayLike = 1.0
     until_turn: ArrayLike = False
+    fatigue: ArrayLike = 0.0
+    decay_of_fatigue: ArrayLike = 1.0
 
     @classmethod
     def from_times(
@@ -67,6 +73,8 @@ class Membrane:
         jump_mv: ArrayLike = 0.0,
         recovery_ms: ArrayLike = math.inf,
         until_turn: ArrayLike = False,
+        fatigue_mv: ArrayLike = 0.0,
+        fatigue_ms: ArrayLike = math.inf,
     ) -> "Membrane":
         """Constants at the time step `dt_ms`; the refractory period is rounded up to rows."""
         rows = np.ceil(np.divide(refractory_ms, dt_ms) - 1e-9)  # 1e-9: 0.3 / 0.1 is 2.9999...
@@ -78,6 +86,8 @@ class Membrane:
             jump=np.divide(jump_mv, dt_ms),
             decay_of_jump=1.0 - np.divide(dt_ms, recovery_ms),
             until_turn=until_turn,
+            fatigue=np.divide(fatigue_mv, dt_ms),
+            decay_of_fatigue=1.0 - np.divide(dt_ms, fatigue_ms),
         )
 
     @classmethod
@@ -95,18 +105,20 @@ class Membrane:
 class State:
     """State of membranes between two rows, arrays of one shape.
 
-    `potential` and the rise of the threshold, `raised`, are in units of dt; `rest` is the
-    number of following rows without current.
+    `potential` and the rises of the threshold, `raised` by jumps and `tired` by fatigue, are in
+    units of dt; `rest` is the number of following rows without current.
     """
 
     potential: FloatArray
     raised: FloatArray
     rest: IntArray
+    tired: FloatArray
 
     @classmethod
     def at_rest(cls, shape: int | tuple[int, ...], kind: DTypeLike = np.float64) -> "State":
         """State of `shape` membranes before the first row; `kind` is the precision of steps."""
-        return cls(np.zeros(shape, kind), np.zeros(shape, kind), np.zeros(shape, dtype=np.int64))
+        potential, raised, tired = np.zeros((3, *np.atleast_1d(shape)), kind)
+        return cls(potential, raised, np.zeros(shape, dtype=np.int64), tired)
 
 
 def fire(
@@ -165,26 +177,37 @@ def spiking(
     During the refractory period the potential is reset to rest in each row. With some
     hundred membranes most of the time is the overhead of NumPy calls, so the loop has few.
     """
-    potential, raised, shape = state.potential, state.raised, state.potential.shape
-    kind = potential.dtype
-    decay, threshold, kept_share = (
+    potential, raised, tired = state.potential, state.raised, state.tired
+    shape, kind = potential.shape, potential.dtype
+    decay, threshold, kept_share, kept_fatigue = (
         np.asarray(constant, kind)
-        for constant in (membrane.decay, membrane.threshold, membrane.decay_of_jump)
+        for constant in (
+            membrane.decay,
+            membrane.threshold,
+            membrane.decay_of_jump,
+            membrane.decay_of_fatigue,
+        )
     )
-    jump, refractory, clamped, turns = (
+    jump, fatigue, refractory, clamped, turns = (
         np.broadcast_to(constant, shape).reshape(-1)
-        for constant in (membrane.jump, membrane.refractory, membrane.clamped, membrane.until_turn)
+        for constant in (
+            membrane.jump,
+            membrane.fatigue,
+            membrane.refractory,
+            membrane.clamped,
+            membrane.until_turn,
+        )
     )
-    jump = jump.astype(kind)
+    jump, fatigue = jump.astype(kind), fatigue.astype(kind)
     adapts, fades = bool(jump.any()), bool((kept_share != 1.0).any())
-    clamps, returns = bool(clamped.any()), bool(turns.any())
+    clamps, returns, tires = bool(clamped.any()), bool(turns.any()), bool(fatigue.any())
     # Arrays, since NumPy compares with a scalar four times as slowly.
     lowest, turn = (
         np.where(flags, 0.0, -np.inf).astype(kind).reshape(shape) for flags in (clamped, turns)
     )
     above, ahead = np.empty(shape, np.bool_), np.empty(shape, np.bool_)
-    flat_potential, flat_raised, flat_above = (
-        array.reshape(-1) for array in (potential, raised, above)
+    flat_potential, flat_raised, flat_tired, flat_above = (
+        array.reshape(-1) for array in (potential, raised, tired, above)
     )
     # For each refractory period: its membranes, and their spikes in that many previous rows.
     rest = state.rest.reshape(-1)
@@ -193,8 +216,8 @@ def spiking(
         members = refractory == length
         before = [np.flatnonzero(members & (rest == n + 1)) for n in range(length)]
         refractory_groups.append((None if members.all() else members, deque(before, maxlen=length)))
-    limit = threshold
     for current in rows:
+        limit = threshold
         np.multiply(potential, decay, out=potential)
         np.add(potential, current, out=potential)
         for _, recent_spikes in refractory_groups:
@@ -209,12 +232,17 @@ def spiking(
             if fades:
                 raised *= kept_share
             limit = threshold + raised
+        if tires:
+            tired *= kept_fatigue
+            limit = limit + tired
         np.greater(potential, limit, out=above)
         (spikes,) = flat_above.nonzero()
         yield spikes, above
         flat_potential[spikes] = 0.0
         if adapts:
             flat_raised[spikes] += jump[spikes]
+        if tires:
+            flat_tired[spikes] = fatigue[spikes]
         for members, recent_spikes in refractory_groups:
             recent_spikes.append(spikes if members is None else spikes[members[spikes]])
     rest[:] = 0
@@ -230,16 +258,17 @@ def _fire_compiled(
     state: State,
 ) -> tuple[IntArray, IntArray]:
     """`fire` by the compiled loop `step`."""
-    decay, threshold, refractory, clamped, jump, kept_share, turns = membrane.constants()
+    decay, threshold, refractory, clamped, jump, kept_share, turns, *fatigue = membrane.constants()
     lowest, turn = (np.where(flags, 0.0, -np.inf) for flags in (clamped, turns))
-    values = np.stack([decay, threshold, jump, kept_share, lowest, turn]).astype(np.float64)
+    values = np.stack([decay, threshold, jump, kept_share, lowest, turn, *fatigue])
     rows, membranes = step(
         np.ascontiguousarray(current, dtype=np.float64),
-        values,
+        values.astype(np.float64),
         np.ascontiguousarray(refractory, dtype=np.int64),
         state.potential,
         state.raised,
         state.rest,
+        state.tired,
     )
     order = np.argsort(membranes, kind="stable")
     return rows[order], membranes[order]
@@ -252,14 +281,15 @@ def _fire_rows(
     potential: FloatArray,
     raised: FloatArray,
     rest: IntArray,
+    tired: FloatArray,
 ) -> tuple[IntArray, IntArray]:
     """Row and membrane of every spike, by time; the state is changed to that after the last row.
 
-    The rows of `values` are decay, threshold, jump, share kept of it, lowest potential, and the
-    potential below which the threshold returns. The inner loop has no branches but choices between
-    two numbers, so that it becomes vector instructions.
+    The rows of `values` are decay, threshold, jump, share kept of it, lowest potential, the
+    potential below which the threshold returns, fatigue, and share kept of it. The inner loop has
+    no branches but choices between two numbers, so that it becomes vector instructions.
     """
-    decay, threshold, jump, kept_share, lowest, turn = values
+    decay, threshold, jump, kept_share, lowest, turn, fatigue, kept_fatigue = values
     count = decay.size
     fired = np.zeros(count, np.float64)
     spikes, room = 0, 1024
@@ -274,9 +304,11 @@ def _fire_rows(
             added = 0.0 if next_potential < turn[k] else raised[k]
             added *= kept_share[k]
             next_potential = lowest[k] if next_potential < lowest[k] else next_potential
-            spike = 1.0 if next_potential > threshold[k] + added else 0.0
+            fatigued = tired[k] * kept_fatigue[k]
+            spike = 1.0 if next_potential > threshold[k] + added + fatigued else 0.0
             potential[k] = 0.0 if spike > 0.0 else next_potential
             raised[k] = added
+            tired[k] = fatigued
             waiting[k] = max(waiting[k] - 1.0, 0.0)
             fired[k] = spike
             total += spike
@@ -284,6 +316,7 @@ def _fire_rows(
             for k in range(count):
                 if fired[k] > 0.0:
                     raised[k] += jump[k]
+                    tired[k] = fatigue[k]
                     waiting[k] = refractory[k]
                     if spikes == room:
                         room *= 2
@@ -305,8 +338,10 @@ def _fire_each(current: FloatArray, membrane: Membrane, state: State) -> tuple[I
     constants = [constant.tolist() for constant in membrane.constants()]
     trains: list[list[int]] = []
     for k, (fed, *own_constants) in enumerate(zip(current.T, *constants, strict=True)):
-        leak, gap, refractory_rows, clamped, jump, kept_share, resets_at_turn = own_constants
+        leak, gap, refractory_rows, clamped, jump, kept_share, resets_at_turn = own_constants[:7]
+        fatigue, kept_fatigue = own_constants[7:]
         potential, raised = state.potential[k].item(), state.raised[k].item()
+        tired = state.tired[k].item()
         first_fed_row, spikes = state.rest[k].item(), list[int]()
         for row, sample in enumerate(fed.tolist()):
             potential = potential * leak + (sample if row >= first_fed_row else 0.0)
@@ -316,11 +351,14 @@ def _fire_each(current: FloatArray, membrane: Membrane, state: State) -> tuple[I
                 potential = 0.0
             if jump:
                 raised *= kept_share
-            if potential > gap + raised:
+            if fatigue:
+                tired *= kept_fatigue
+            if potential > gap + raised + tired:
                 spikes.append(row)
                 potential, first_fed_row = 0.0, row + 1 + refractory_rows
                 raised += jump
-        state.potential[k], state.raised[k] = potential, raised
+                tired = fatigue
+        state.potential[k], state.raised[k], state.tired[k] = potential, raised, tired
         state.rest[k] = max(0, first_fed_row - len(fed))
         trains.append(spikes)
     rows = np.array([row for train in trains for row in train], dtype=np.int64)

@@ -10,6 +10,7 @@ Table 2 and neither R_m nor α in milliamperes is needed. Currents (4), (5) and 
 paper have saturating terms.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -216,6 +217,8 @@ class AfferentModel:
             jump_mv=values["jump_mv"],
             recovery_ms=values["recovery_ms"],
             until_turn=self.until_turn,
+            fatigue_mv=values.get("fatigue_mv", 0.0),
+            fatigue_ms=values.get("fatigue_ms", math.inf),
         )
 
     def free(self, cells: int | None = None) -> tuple[Free, ...]:
@@ -355,10 +358,12 @@ _ROWS = (
         tau=None,
         spread=replace(SPREAD, high=1.5),
         equation="I' = gap σ'/step and -retraction gap σ'/step, a membrane each, v ≥ rest, "
-        "threshold + jump, which fades in 6 ms and is gone at the turn",
+        "threshold + jump, which fades in 8 ms and is gone at the turn, + fatigue, set to 15 mV by "
+        "a spike, which fades in 100 ms",
         reason="RA fires at indentation and at retraction: a membrane for each counts steps of "
         "stress; further steps of one sweep are larger the sooner they come, so that slow ramps "
-        "evoke more spikes",
+        "evoke more spikes; after a spike the next sweep needs more stress, the sooner it comes, "
+        "so that weak vibrations evoke a spike in some of their cycles",
         clamped=True,
         cells=MORE_CELLS,
         two_way=True,

@@ -29,7 +29,7 @@ FINE_DT_MS = 0.1
 
 MAX_CELLS = 1000
 
-_MAY_BE_ZERO = ("refractory_ms", "spread", "jump_mv")
+_MAY_BE_ZERO = ("refractory_ms", "spread", "jump_mv", "fatigue_mv")
 _POTENTIALS = ("rest_mv", "threshold_mv")
 
 # A refractory period longer than every stimulus is a mistake.
@@ -94,8 +94,8 @@ class AfferentParameters:
                 found=self.threshold_mv,
                 expected=f"above rest_mv, {self.rest_mv:g}",
             )
-        for name in ("tau_ms", "recovery_ms"):
-            if getattr(self, name) < self.dt_ms:
+        for name in ("tau_ms", "recovery_ms", "fatigue_ms"):
+            if getattr(self, name, self.dt_ms) < self.dt_ms:
                 raise ParameterError(
                     argument=name,
                     found=getattr(self, name),
@@ -190,15 +190,19 @@ class TwoWayRaParameters(RisingRaParameters):
 
     `retraction` is the sensitivity to falls as a share of that to rises. `jump_mv` decays with
     `recovery_ms` and ends when the stress turns: a further spike in one rise needs time, or much
-    more stress. `tau_ms` is not fitted: a rise at 20 Hz or above leaks little.
+    more stress. A spike also sets a second rise of the threshold to `fatigue_mv`, which decays
+    with `fatigue_ms` across turns: under a weak vibration a cell fires in some of the cycles.
+    `tau_ms` is not fitted: a rise at 20 Hz or above leaks little.
     """
 
     drives: ClassVar[tuple[str, ...]] = ("two_way",)
 
     retraction: float
-    tau_ms: float = 300.0
+    tau_ms: float = 50.0
     jump_mv: float = 80.0
-    recovery_ms: float = 6.0
+    recovery_ms: float = 8.0
+    fatigue_mv: float = 15.0
+    fatigue_ms: float = 100.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,30 +1,62 @@
-"""Compute many stimuli on many fingers, and write one table.
+"""Compute many stimuli on many fingers, or many touches, and write one table or data set.
 
 STUDY.toml lists stimuli, fingers, probes and methods; every combination is a point
 (docs/sweeps.md). Each response is solved once, in a folder named by the digest of its
 inputs: a stopped sweep resumes, and an extended study solves only the new points. A failed
 item is listed with its cause and does not stop the others; the exit code is then 1.
+
+A study with [touches], or a table .csv or .parquet with a row per touch, gives a data set of
+Parquet files (docs/touches.md). "sweep status DIR" reports how far it is, "sweep verify DIR" runs
+a random part again and compares.
 """
 
 import argparse
+from datetime import timedelta
+from pathlib import Path
 from typing import Any
 
-from fembridge.commands.options import Use, add_from, add_output_option, words_of
+from fembridge.commands.options import NUMBERS, Use, add_from, words_of
+from fembridge.errors import UsageError
 from fembridge.host.terminal import error_line, log
 from fembridge.solver.settings import Solver
 
 EXAMPLE = "fembridge sweep study.toml -o sweep --jobs 4"
 
+STATUS, VERIFY = "status", "verify"
+
 USES = (
+    Use(
+        "--jobs",
+        "processes made here, not for --scheduler or status",
+        lambda args: args.scheduler is None and args.study != STATUS,
+    ),
+    Use(
+        "--output --executor --scheduler",
+        "a sweep, not for status or verify",
+        lambda args: args.study not in (STATUS, VERIFY),
+    ),
     Use("--scheduler", "--executor dask", lambda args: args.executor == "dask"),
-    Use("--jobs", "processes made here, not for --scheduler", lambda args: args.scheduler is None),
+    Use("--yes --forces-step-ms", "touches", lambda args: _is_of_touches(args)),
+    Use(
+        "--threads",
+        "a solver, not for touches",
+        lambda args: args.study not in (STATUS, VERIFY) and not _is_of_touches(args),
+    ),
+    Use("--percent", "verify", lambda args: args.study == VERIFY),
 )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of the verb."""
-    parser.add_argument("study", metavar="STUDY.toml", help="stimuli, fingers, probes and methods")
-    add_output_option(parser, default="sweep")
+    from fembridge.sweeps.touches import FORCES_STEP_MS
+
+    study = "stimuli, fingers, probes and methods, or touches; a table of touches, .csv or "
+    study += ".parquet; status or verify"
+    parser.add_argument("study", metavar="STUDY.toml", help=study)
+    folder = "data set, for status and verify"
+    parser.add_argument("folder", metavar="DIR", nargs="?", help=folder)
+    output = "folder; of touches also an address, s3://bucket/set (default: sweep)"
+    parser.add_argument("-o", "--output", metavar="DIR", default="sweep", help=output)
     threads = "threads of each solver (default: OMP_NUM_THREADS, or the cores are shared; 1 with "
     threads += "--scheduler)"
     jobs = "processes on this machine"
@@ -40,10 +72,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="tcp://HOST:PORT",
         help="of a dask cluster (default: a cluster of --jobs processes, made here)",
     )
+    step = f"of touches: step of the depths and forces; 0: none (default: {FORCES_STEP_MS:g})"
+    parser.add_argument(
+        "--forces-step-ms",
+        type=NUMBERS["forces_step_ms"],
+        default=FORCES_STEP_MS,
+        metavar="MS",
+        help=step,
+    )
+    yes = "run touches that take more than ten minutes"
+    parser.add_argument("--yes", action="store_true", help=yes)
+    percent = "share of the touches that verify runs again (default: 1)"
+    parser.add_argument(
+        "--percent", type=NUMBERS["percent"], default=1.0, metavar="P", help=percent
+    )
+
+
+def _is_of_touches(args: argparse.Namespace) -> bool:
+    """Whether the study is one of touches."""
+    from fembridge.sweeps.touch_study import is_touch_study
+
+    return args.study not in (STATUS, VERIFY) and is_touch_study(Path(args.study))
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Sweep; the summary counts, and lists what failed."""
+    if args.study in (STATUS, VERIFY):
+        if args.folder is None:
+            raise UsageError("is missing", argument="DIR", expected="the folder of a data set")
+        return _status(args.folder) if args.study == STATUS else _verify(args)
+    if args.folder is not None:
+        problem = f"is {args.folder!r}, expected it after status or verify only"
+        raise UsageError(problem, argument="DIR", found=args.folder)
+    if _is_of_touches(args):
+        return _touch_many(args)
+    args.output = Path(args.output)
+    return _sweep(args)
+
+
+def _sweep(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.sweeps.sweep import RESULTS_FILE, sweep
 
     result = sweep(**words_of(args, sweep), show_progress=True)
@@ -69,4 +136,63 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             {"item": failure.item, "run": failure.run, "cause": failure.cause} for failure in failed
         ],
         "exit_code": 1 if failed else 0,
+    }
+
+
+def _touch_many(args: argparse.Namespace) -> dict[str, Any]:
+    from fembridge.sweeps.touches import touch_many
+
+    result = touch_many(args.study, **words_of(args, touch_many), show_progress=True)
+    failed, rows = result.failed, int(result.about["rows"])
+    if failed:
+        touch, cause = next(iter(failed.items()))
+        log(error_line(f"{len(failed)} of {rows} touches failed, first {touch}: {cause}"))
+    spikes = result.spikes_count
+    print(f"{rows - len(failed)} of {rows} touches done, {spikes} spikes: {args.output}")
+    return {
+        "output": args.output,
+        "rows": rows,
+        "done": rows - len(failed),
+        "spikes": spikes,
+        "failed": [{"touch": touch, "cause": cause} for touch, cause in failed.items()],
+        "exit_code": 1 if failed else 0,
+    }
+
+
+def _status(folder: str) -> dict[str, Any]:
+    from dataclasses import asdict
+
+    from fembridge.sweeps.touches import touches_status
+
+    state = touches_status(folder)
+    text = f"{state.done} of {state.rows} touches done, {state.failed} failed; "
+    text += f"{state.parts_done} of {state.parts} parts written"
+    if state.is_running and state.per_s is not None and state.left_s is not None:
+        text += f"; {state.per_s:.3g}/s, {timedelta(seconds=round(state.left_s))} left"
+    elif not state.is_running and state.parts_done < state.parts:
+        text += "; no process is at work: run the same command to resume"
+    print(text)
+    return asdict(state)
+
+
+def _verify(args: argparse.Namespace) -> dict[str, Any]:
+    from fembridge.sweeps.touches import verify_touches
+
+    check = verify_touches(args.folder, args.percent, jobs=args.jobs)
+    print(f"{len(check.checked)} touches run again: {', '.join(map(str, check.checked[:20]))}")
+    if check.skipped:
+        print(f"{check.skipped} selected touches of Python objects cannot run again")
+    for touch, problem in check.different.items():
+        log(error_line(f"touch {touch}: {problem}"))
+    for name in check.damaged:
+        log(error_line(f"{args.folder}/{name}: not the file that was written"))
+    is_sound = not (check.different or check.damaged)
+    if is_sound:
+        print("equal, and all files are as they were written")
+    return {
+        "checked": list(check.checked),
+        "different": {str(touch): problem for touch, problem in check.different.items()},
+        "damaged": list(check.damaged),
+        "skipped": check.skipped,
+        "exit_code": 0 if is_sound else 1,
     }

@@ -114,7 +114,10 @@ class LocalExecutor(Executor):
     ``with LocalExecutor(...)`` stops all tasks without waiting.
     """
 
-    def __init__(self, jobs: int, on_message: OnMessage = _ignore_message) -> None:
+    def __init__(
+        self, jobs: int, on_message: OnMessage = _ignore_message, attempts: int = ATTEMPTS
+    ) -> None:
+        self._attempts = attempts
         self._threads = ThreadPoolExecutor(jobs)
         self._thread_state = threading.local()
         self._on_message = on_message
@@ -127,7 +130,7 @@ class LocalExecutor(Executor):
     ) -> Future[Any]:
         """Future of ``function(*args, **kwargs)`` in one of the worker processes.
 
-        Its exception is `WorkerDiedError` if the process died `ATTEMPTS` times.
+        Its exception is `WorkerDiedError` if the process died in all attempts.
         """
         return self._threads.submit(self._run_task, pickle.dumps((function, args, kwargs)))
 
@@ -145,7 +148,7 @@ class LocalExecutor(Executor):
 
     def _run_task(self, task: bytes) -> Any:  # noqa: ANN401 - result of any function
         code: int | None = None
-        for _ in range(ATTEMPTS):
+        for _ in range(self._attempts):
             worker = self._worker()
             assert worker.stdin is not None and worker.stdout is not None
             kind: int = _MESSAGE
@@ -164,7 +167,8 @@ class LocalExecutor(Executor):
             if kind == _ERROR:
                 raise value
             return value
-        raise WorkerDiedError(f"worker process died {ATTEMPTS} times, last exit code {code}")
+        times = "" if self._attempts == 1 else f" {self._attempts} times"
+        raise WorkerDiedError(f"worker process died{times}, last exit code {code}")
 
     def _worker(self) -> subprocess.Popen[bytes]:
         """Worker process of this thread, started if there is none."""

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from copy import copy
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
     import pandas
 
     from fembridge.io.run_folder import AfferentNode, RunFolder
+
+# The folder of a data set of touches, and the class that reads it, of a later room.
+_DATASET_FILE, _DATASET = "dataset.toml", "fembridge.sweeps.dataset:Touches"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -393,7 +397,7 @@ def read(
     von_mises: str | None = None,
     columns: Mapping[str, str] | None = None,
 ) -> Traces:
-    """Stress traces, in Pa over ms, from a result file.
+    """Stress traces, in Pa over ms, from a result file; or a data set of touches.
 
     With a ``run.toml`` of fembridge in the folder, time 0 is the start of the stimulus, and the
     first sample of a trace is the state at rest. A trace has an even time step; `read_history`
@@ -402,7 +406,8 @@ def read(
     Parameters
     ----------
     path
-        Result file, or run folder: its path, or a `RunFolder` of `fembridge.build_deck`.
+        Result file, or run folder: its path, or a `RunFolder` of `fembridge.build_deck`. Of
+        `fembridge.touch_many` the folder or address, without other arguments.
     nodes
         Node numbers. Default: None, the afferents' nodes in ``run.toml`` unless `node_set` or
         `near_mm` select nodes; all nodes of a CSV or NPZ.
@@ -444,7 +449,7 @@ def read(
     -------
     Traces
         Von Mises stress at each node. `origin` is the stimulus and the parameters of the run;
-        None without ``run.toml``.
+        None without ``run.toml``. Of a data set a `Touches` with its tables.
 
     Raises
     ------
@@ -459,6 +464,10 @@ def read(
     >>> [trace.afferent for trace in fb.read("runs/sine_20_250")]
     ['SA', 'RA', 'PC']
     """
+    if _is_dataset(path):
+        module, name = _DATASET.split(":")
+        reader = getattr(import_module(module), name)
+        return reader.read(path)  # type: ignore[no-any-return] # a Touches
     with open_result(
         path,
         partial=partial,
@@ -476,6 +485,13 @@ def read(
             deck=None if deck is None else Path(deck),
             resample_ms=resample_ms,
         )
+
+
+def _is_dataset(path: Path | str | RunFolder) -> bool:
+    """Whether `path` is the folder or address of a data set of touches."""
+    if not isinstance(path, str | Path):
+        return False
+    return "://" in str(path) or (Path(path) / _DATASET_FILE).is_file()
 
 
 def read_history(

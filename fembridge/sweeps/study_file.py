@@ -213,6 +213,8 @@ def study_from(
     table: Mapping[str, object], folder: Path, name: str = "study", text: str = ""
 ) -> Study:
     """Study of a parsed TOML table, as `read_study`; file names are relative to `folder`."""
+    if "touches" in table:
+        raise UsageError("is for fembridge.touch_many", key="touches")
     listed = dict(table)
     for key in _LIST_KEYS:
         if key in table and not isinstance(table[key], list):

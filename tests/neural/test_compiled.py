@@ -27,7 +27,7 @@ def use(way, patch):
 @pytest.mark.parametrize("count", [3, 40])
 def test_membranes_fire_as_in_numpy_also_in_parts(way, count, monkeypatch):
     rng = np.random.default_rng(count)
-    current = rng.normal(0.3, 2.0, (400, count))
+    current = rng.normal(0.6, 2.0, (400, count))
     membrane = Membrane(
         decay=rng.uniform(0.8, 1.0, count),
         threshold=rng.uniform(3, 12, count),
@@ -36,6 +36,8 @@ def test_membranes_fire_as_in_numpy_also_in_parts(way, count, monkeypatch):
         jump=rng.uniform(0, 5, count),
         decay_of_jump=rng.uniform(0.9, 1.0, count),
         until_turn=rng.random(count) < 0.5,
+        fatigue=rng.uniform(0, 4, count) * (rng.random(count) < 0.5),
+        decay_of_fatigue=rng.uniform(0.9, 1.0, count),
     )
     use("NumPy", monkeypatch)
     expected = fire(current, membrane)

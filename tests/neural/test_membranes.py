@@ -40,9 +40,11 @@ def plain_run(
     jump_mv=0.0,
     recovery_ms=math.inf,
     until_turn=False,
+    fatigue_mv=0.0,
+    fatigue_ms=math.inf,
 ):
     """Equation (7) as a reader would write it; the rows that end in a spike."""
-    potential_mv, raised_mv, quiet_rows, rows = 0.0, 0.0, 0, []
+    potential_mv, raised_mv, tired_mv, quiet_rows, rows = 0.0, 0.0, 0.0, 0, []
     for row, fed in enumerate(current_mv_per_ms):
         potential_mv = potential_mv * (1.0 - dt_ms / tau_ms) + dt_ms * fed
         if quiet_rows > 0:
@@ -53,9 +55,11 @@ def plain_run(
         if clamped:
             potential_mv = max(potential_mv, 0.0)
         raised_mv *= 1.0 - dt_ms / recovery_ms
-        if potential_mv > gap_mv + raised_mv:
+        tired_mv *= 1.0 - dt_ms / fatigue_ms
+        if potential_mv > gap_mv + raised_mv + tired_mv:
             rows.append(row)
             raised_mv += jump_mv
+            tired_mv = fatigue_mv
             potential_mv, quiet_rows = 0.0, round(refractory_ms / dt_ms)
     return rows
 
@@ -109,9 +113,27 @@ def test_the_period_of_an_adaptive_cell_grows_to_a_steady_one(recovery_ms):
     assert np.abs(periods[-20:] - steady).max() <= 1  # rows are whole
 
 
+@pytest.mark.parametrize("fatigue_ms", [20.0, 60.0])
+def test_fatigue_makes_all_periods_but_the_first_equally_longer(fatigue_ms):
+    """Each spike sets it, so that nothing adds up: the first n with c n dt > gap + F q^n."""
+    current, fatigue_mv = 0.8, 6.0
+    rows = fired_rows(np.full(2000, current), 1e15, fatigue_mv=fatigue_mv, fatigue_ms=fatigue_ms)
+    number = np.arange(1, 1000)
+    left_mv = fatigue_mv * (1.0 - DT_MS / fatigue_ms) ** number
+    period = int(number[current * DT_MS * number > GAP_MV + left_mv][0])
+    assert period > 26 == rows[0] + 1  # 26 rows of 0.4 mV from rest
+    assert set(np.diff(rows).tolist()) == {period}
+
+
 @pytest.mark.parametrize("few", [0, 20])
-@given(seed=seeds, rows=st.integers(1, 150), count=st.integers(1, 6), adaptive=st.booleans())
-def test_all_membranes_together_fire_as_plain_loops(few, seed, rows, count, adaptive):
+@given(
+    seed=seeds,
+    rows=st.integers(1, 150),
+    count=st.integers(1, 6),
+    adaptive=st.booleans(),
+    tires=st.booleans(),
+)
+def test_all_membranes_together_fire_as_plain_loops(few, seed, rows, count, adaptive, tires):
     """One by one where they are few, else at once."""
     rng = np.random.default_rng(seed)
     current = rng.normal(2.0, 12.0, (rows, count))
@@ -123,6 +145,8 @@ def test_all_membranes_together_fire_as_plain_loops(few, seed, rows, count, adap
         "jump_mv": rng.uniform(0, 5, count) * adaptive,
         "recovery_ms": rng.uniform(1, 90, count),
         "until_turn": rng.integers(0, 2, count).astype(bool),
+        "fatigue_mv": rng.uniform(0, 9, count) * tires,
+        "fatigue_ms": rng.uniform(1, 90, count),
     }
 
     with pytest.MonkeyPatch.context() as patch:
@@ -142,9 +166,10 @@ def test_all_membranes_together_fire_as_plain_loops(few, seed, rows, count, adap
     dt_ms=st.sampled_from([0.25, 0.5, 1.0]),
     refractory_rows=st.integers(0, 3),
     flags=st.tuples(*[st.booleans()] * 5),
+    fatigue_mv=st.sampled_from([0.0, 7.0]),
 )
 def test_a_batch_counts_what_plain_loops_count(
-    kernel, seed, sizes, scale, dt_ms, refractory_rows, flags
+    kernel, seed, sizes, scale, dt_ms, refractory_rows, flags, fatigue_mv
 ):
     rng, (candidates, conditions) = np.random.default_rng(seed), sizes
     clamped, adaptive, until_turn, saturates, two = flags
@@ -156,6 +181,8 @@ def test_a_batch_counts_what_plain_loops_count(
         "refractory_ms": dt_ms * refractory_rows,
         "clamped": clamped,
         "until_turn": until_turn,
+        "fatigue_mv": fatigue_mv,
+        "fatigue_ms": 25.0,
     }
     own = {
         "tau_ms": rng.uniform(1, 60, candidates),

@@ -93,7 +93,13 @@ def test_held_stress_fires_sa_with_the_period_of_the_recurrence():
 
 
 TWO_WAY = TwoWayRaParameters(
-    dt_ms=DT_MS, tau_ms=LEAKLESS_MS, step_pa=4096.0, retraction=0.5, refractory_ms=0.0
+    dt_ms=DT_MS,
+    tau_ms=LEAKLESS_MS,
+    step_pa=4096.0,
+    retraction=0.5,
+    refractory_ms=0.0,
+    recovery_ms=6.0,
+    fatigue_mv=0.0,
 )
 
 
@@ -117,6 +123,28 @@ def test_a_slow_rise_fires_more_than_a_fast_one_and_a_rise_less_than_one_in_step
     steps = ([4097.0, *[0.0] * (apart + 1)] * 3)[:-1]
     assert len(spike_samples(stress_of(np.multiply(steps, 2)), TWO_WAY)) == 3
     assert len(spike_samples(stress_of(np.multiply([4097.0] * 3, 2)), TWO_WAY)) == 1
+
+
+@pytest.mark.parametrize("period", [10, 40, 160])
+def test_after_a_spike_the_next_sweep_needs_more_stress_the_sooner_it_comes(period):
+    """A step of stress fires each time if it exceeds the gap and what is left of the fatigue.
+
+    A spike adds no jump, and falls do not fire. Of weaker steps above the gap every second fires,
+    or one in more.
+    """
+    tired = replace(TWO_WAY, jump_mv=0.0, retraction=1e-6, fatigue_mv=15.0)
+    left_mv = 15.0 * (1.0 - DT_MS / tired.fatigue_ms) ** period
+    sweep = np.zeros(period)
+    sweep[0], sweep[5] = 1.0, -1.0
+    enough_mv = 10.0 + left_mv
+    for size_mv, fewest, most in (
+        (9.99, 0, 0),
+        (10.01, 1, 6),
+        (0.98 * enough_mv, 1, 6),
+        (1.02 * enough_mv, 12, 12),
+    ):
+        steps = np.tile(sweep * tired.step_pa * size_mv / 10.0, 12)
+        assert fewest <= len(spike_samples(stress_of(steps), tired)) <= most
 
 
 @settings(max_examples=20)

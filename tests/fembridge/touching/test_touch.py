@@ -328,8 +328,10 @@ def test_a_touch_and_a_field_are_shown_in_a_few_lines():
 
 
 def test_a_field_is_read_back_as_it_was_written(tmp_path):
-    """Also the least sensitive units, 4.5 times whose threshold is too deep."""
-    field = fb.receptive_field("RA", units=31, depth_um=[100, 300], step_mm=1.0)
+    """Also the least sensitive units, ten times whose threshold is too deep."""
+    field = fb.receptive_field(
+        "RA", units=31, depth_um=[100, 300], times_threshold=[10.0], step_mm=1.0
+    )
     assert np.isnan(field.depth_um).any()
     field.write(tmp_path)
     again = fb.ReceptiveField.read(tmp_path)
@@ -640,10 +642,10 @@ def test_a_threshold_is_where_the_first_impulse_is():
 
 
 def test_a_multiple_of_threshold_is_a_depth_of_each_unit_or_too_deep():
-    field = fb.receptive_field("RA", units=3, depth_um=[], times_threshold=[2.0, 9.0], step_mm=1.0)
+    field = fb.receptive_field("RA", units=3, depth_um=[], times_threshold=[2.0, 22.0], step_mm=1.0)
     assert_allclose(field.depth_um[:, 0], 2 * field.threshold_um)
     assert np.isnan(field.depth_um[-1, 1]) and np.isnan(field.areas["area_mm2"].iloc[-1])
-    assert_allclose(field.depth_um[:2, 1], 9 * field.threshold_um[:2])
+    assert_allclose(field.depth_um[:2, 1], 22 * field.threshold_um[:2])
 
 
 def test_fields_at_a_multiple_of_threshold_are_about_as_large_as_in_man():
