@@ -74,7 +74,7 @@ _BULGE_MM = 0.3
 # Contact and loads are solved in turn until the loads change by the first share of themselves;
 # after the most rounds by the second: nodes at the rim of a contact come and go, by which its force
 # changes by less than 0.1 %. So many changes are remembered, and this share of a change is taken.
-_SETTLED, _TOLERABLE, _MOST_ROUNDS = 0.015, 0.05, 40
+_SETTLED, _TOLERABLE, _MOST_ROUNDS = 0.003, 0.05, 40
 _REMEMBERED, _TAKEN = 5, 0.6
 _LAYER, _TISSUE = "epidermis", "subcutaneous_tissue"
 

@@ -218,3 +218,15 @@ def test_a_touch_that_never_touches_has_no_spikes(press):
     result = fb.touch("sphere", population=ONE, **press)
     assert not result.force_n.any()
     assert result.spikes.empty
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::fembridge.errors.FembridgeWarning")
+def test_a_steady_press_evokes_no_spikes_of_pc_on_its_way():
+    """Steps between states that are not settled would: with 1.5 % left, 11 spikes here."""
+    units = fb.Population.fingertip(finger=PAD)
+    units = units[[name == "PC" for name in units.afferent]]
+    press = fb.Trajectory.press(press_n=1.0, ramp_ms=125, hold_ms=20)
+    spikes = fb.touch("plate", press, population=units, ridges="none").spikes
+    on_the_way = (spikes["spike_time_ms"] > 30) & (spikes["spike_time_ms"] < 130)
+    assert on_the_way.sum() <= 5
