@@ -80,6 +80,7 @@ def test_a_worker_killed_in_the_middle_loses_nothing_and_repeats_nothing(
 
 @needs_dask
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:parameter set")
 @pytest.mark.usefixtures("recorded_ccx")
 def test_a_cluster_of_our_own_ends_with_the_sweep(
     dermis_study, tmp_path, ledger, gate, start_sweep, wait_until, is_alive
