@@ -244,7 +244,8 @@ class _DeepTouch:
     def press(self, level: float, *, by_force: bool) -> tuple[FloatArray, float, FloatArray]:
         """Forces in N, depth in um and loads ``(3, column, row)`` at a level."""
         sheet, further = self._sheet, self._further
-        solution = _Anderson()
+        solution, least = _Anderson(), np.inf
+        best: tuple[FloatArray, FloatArray, float, FloatArray] | None = None
         for number in range(_MOST_ROUNDS):
             lowered_mm = sheet.at_nodes(self._nodes, sheet.down_mm(further))
             forces, depth_mm = self.contact.press_by(
@@ -256,14 +257,19 @@ class _DeepTouch:
             share = share_of_large_strain(depth_um)
             change = (share * sheet.further_loads(loads) if share else 0.0) - further
             scale_n = max(total_n, float(np.abs(further).sum()))
-            allowed = _SETTLED if number < _MOST_ROUNDS - 1 else _TOLERABLE
-            if np.abs(change).sum() <= allowed * scale_n:
-                self._further = further
-                _check_range(total_n, depth_um, 1.001)
+            error = float(np.abs(change).sum()) / max(scale_n, 1e-300)
+            if error < least:
+                least, best = error, (further, forces, depth_um, loads)
+            if best and least <= (_SETTLED if number < _MOST_ROUNDS - 1 else _TOLERABLE):
+                self._further, forces, depth_um, loads = best
+                _check_range(float(forces.sum()), depth_um, 1.001)
                 return forces, depth_um, loads
             further = solution.next(further, change)
-        problem = "the skin under the shape did not settle: expected less depth or a rounder shape"
-        raise UsageError(problem, found=level)
+        raise UsageError(
+            "the skin under the shape did not settle: expected less depth or a rounder shape",
+            found=level,
+            expected=f"at most {DEEPEST_UM:g} um and {STRONGEST_N:g} N",
+        )
 
 
 def _check_range(total_n: float, depth_um: float, share: float) -> None:
