@@ -187,7 +187,7 @@ def test_a_small_force_stays_with_small_strain():
 
 
 @pytest.mark.parametrize(
-    ("shape", "press"), [("sphere", {"press_n": 4.0}), ("plate", {"press_um": 3500.0})]
+    ("shape", "press"), [("sphere", {"press_n": 4.0}), ("plate", {"press_n": 6.0})]
 )
 def test_a_touch_beyond_the_range_names_force_and_depth(shape, press):
     with pytest.raises(UsageError) as error:
