@@ -1,10 +1,10 @@
-"""The tables of ``docs/model_study.md``: training and validation side by side for each model.
+"""Tables of ``docs/science/model_study.md``: training and validation side by side for each model.
 
 ``python -m benchmarks.model_tables --observed RATES.csv --recorded FOLDER -o STUDY`` runs the
 complete model study into STUDY (`fembridge study`, 4000 evaluations, a quarter of an hour on one
 core; an existing study is read), predicts the recorded rates of FOLDER with each fit, and prints
-the tables in Markdown. ``--write docs/model_study.md`` replaces them in the page. Observed and
-recorded rates may not be distributed; nothing is fitted to the recorded ones.
+the tables in Markdown. ``--write docs/science/model_study.md`` replaces them in the page. Observed
+and recorded rates may not be distributed; nothing is fitted to the recorded ones.
 """
 
 import argparse

@@ -1,9 +1,10 @@
-"""The tables of ``docs/touch_evidence.md``: the fingertip beside recordings and TouchSim.
+"""The tables of ``docs/science/touch_evidence.md``: the fingertip beside recordings and TouchSim.
 
 ``python -m benchmarks.touch_evidence --observed RATES.csv --recorded FOLDER`` prints every table in
 Markdown; a quarter of an hour on one core. ``--only NAME ...`` selects tables, ``--write
-docs/touch_evidence.md`` replaces them in the page, between ``<!-- NAME -->`` and ``<!-- end -->``.
-The observed and recorded tables (`docs/validation.md`) may not be distributed; the page has
+docs/science/touch_evidence.md`` replaces them in the page, between ``<!-- NAME -->`` and
+``<!-- end -->``.
+The observed and recorded tables (`docs/science/validation.md`) may not be distributed; the page has
 only agreement with them. Without them the tables ``rows`` and ``texture_agreement`` are left out.
 """
 

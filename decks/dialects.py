@@ -149,7 +149,7 @@ DIALECTS = {
             target="decks.marc.write:marc_deck",
             extra_files={f"{JOB}.proc": "decks.marc.write:mentat_procedure"},
             how_to_run=f"mentat -bg {JOB}.proc, run_marc -jid {JOB}{REWRITTEN}, then "
-            f"fembridge ingest {JOB}{REWRITTEN}.t16; see docs/marc.md",
+            f"fembridge ingest {JOB}{REWRITTEN}.t16; see docs/how_to/marc.md",
         ),
         Dialect(
             name="abaqus",

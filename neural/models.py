@@ -1,7 +1,7 @@
 """All models of an afferent in one table: equation, free parameters, reason.
 
 `MODELS` has one model per name and class. ``published`` is the paper's; the others are this
-project's, each made to answer one question about it. ``docs/model_study.md`` compares all
+project's, each made to answer one question about it. ``docs/science/model_study.md`` compares all
 on the same data. Every model may have several cells (``cells``, ``spread``) and an adaptive
 threshold (``jump_mv``, ``recovery_ms``).
 
@@ -393,7 +393,7 @@ _ROWS = (
     ),
 )
 
-# The models of the shipped parameters; see ``docs/model_study.md``.
+# The models of the shipped parameters; see ``docs/science/model_study.md``.
 DEFAULT_MODELS: Mapping[str, str] = MappingProxyType(
     {"SA": "fading", "RA": "two_way", "PC": "corpuscle"}
 )

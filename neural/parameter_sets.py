@@ -37,7 +37,7 @@ FITTED_FILE = Path(__file__).parent / "fitted.toml"
 PAD_FILE = Path(__file__).parent / "fitted_pad.toml"
 
 # Better than the published model on every class, on fitted and on held-out rates:
-# ``docs/model_study.md``.
+# ``docs/science/model_study.md``.
 DEFAULT_SET = "fitted"
 
 SET_NAMES = ("published", "fitted", "fitted_pad")

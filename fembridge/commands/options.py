@@ -333,7 +333,7 @@ def add_export_option(parser: argparse.ArgumentParser) -> None:
         action=Several,
         default=[],
         choices=("npz", "mat", "nwb", "neo", "sonata"),
-        help="also write the spikes in formats of other programs (docs/recording.md)",
+        help="also write the spikes in formats of other programs (docs/how_to/recording.md)",
     )
 
 

@@ -144,8 +144,8 @@ _PICTURES: dict[str, tuple[str, str, _Options]] = {
         "which parameter of a sweep's fingers moves rates and stress how much",
         "sensitivity sweep --table effects.md",
         (
-            ("table", "folder of a sweep with a design (docs/sweeps.md), its results.csv, or "
-             "its --fingers", _FILE),
+            ("table", "folder of a sweep with a design (docs/how_to/sweeps.md), its results.csv, "
+             "or its --fingers", _FILE),
             ("--table", "write the numbers too: .csv has all, .md a table a class",
              {"dest": "effects", "type": Path, "metavar": "FILE"}),
             ("--fingers", "write a row a finger: parameters, and mean answers by set of stimuli",

@@ -1,13 +1,13 @@
 """Compute many stimuli on many fingers, or many touches, and write one table or data set.
 
 STUDY.toml lists stimuli, fingers, probes and methods; every combination is a point
-(docs/sweeps.md). Each response is solved once, in a folder named by the digest of its
+(docs/how_to/sweeps.md). Each response is solved once, in a folder named by the digest of its
 inputs: a stopped sweep resumes, and an extended study solves only the new points. A failed
 item is listed with its cause and does not stop the others; the exit code is then 1.
 
 A study with [touches], or a table .csv or .parquet with a row per touch, gives a data set of
-Parquet files (docs/touches.md). "sweep status DIR" reports how far it is, "sweep verify DIR" runs
-a random part again and compares.
+Parquet files (docs/how_to/touches.md). "sweep status DIR" reports how far it is, "sweep verify DIR"
+runs a random part again and compares.
 """
 
 import argparse

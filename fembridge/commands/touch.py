@@ -185,7 +185,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         noise_mv=(
             "MV",
             "noise of the membrane, mV after 1 ms, by which trials differ; "
-            "recorded timing limits it to about 0.1 (docs/touch_evidence.md)",
+            "recorded timing limits it to about 0.1 (docs/science/touch_evidence.md)",
         ),
         seed=("N", "seed of the noise"),
     )

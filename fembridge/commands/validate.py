@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--recorded",
         metavar="FOLDER",
         help="recorded responses: tables of rates, ramps, textures, bars and fields, recognised by "
-        "their columns (docs/validation.md)",
+        "their columns (docs/science/validation.md)",
     )
     skin = parser.add_mutually_exclusive_group()
     skin.add_argument(

@@ -15,7 +15,7 @@ Each combination is a point. A study is a TOML file; unknown keys are errors::
     [[probes]]
     diameter_mm = [0.5, 1.0]
 
-All keys are in ``docs/sweeps.md``. File names are relative to the study's folder and below
+All keys are in ``docs/how_to/sweeps.md``. File names are relative to the study's folder and below
 it. Contact options that are not set follow the ladder of `fembridge.response.indentation`.
 """
 

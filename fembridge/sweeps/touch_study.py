@@ -19,7 +19,7 @@ are the user's own and stay as they are::
     x_mm = { uniform = [-3, 3] }
     population_seed = "each"          # a population of its own
 
-All keys are in ``docs/touches.md``. File names are relative to the folder of the table.
+All keys are in ``docs/how_to/touches.md``. File names are relative to the folder of the table.
 """
 
 import math

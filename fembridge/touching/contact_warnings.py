@@ -16,7 +16,7 @@ from fembridge.touching.shape import Shape
 from fembridge.touching.trajectory import Trajectory
 from fembridge.typing import BoolArray, FloatArray, SingleArray
 
-# Up to here a depth needs no warning (docs/touch.md: what was compared with large strain).
+# Up to here a depth needs no warning (docs/how_to/touch.md: what was compared with large strain).
 TRUSTED_UM = 1_000.0
 # Share of the force on the last nodes of the skin above which contact goes on beyond them.
 _END_SHARE = 0.01

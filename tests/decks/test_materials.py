@@ -222,7 +222,7 @@ def test_the_table_of_a_preset_is_as_before_these_keys_existed():
 
 
 def test_the_documented_materials_are_a_finger():
-    text = (Path(decks.__file__).parents[1] / "docs/finger.md").read_text(encoding="utf-8")
+    text = (Path(decks.__file__).parents[1] / "docs/how_to/finger.md").read_text(encoding="utf-8")
     tables = [block.partition("\n```")[0] for block in text.split("```toml\n")[1:]]
     finger = finger_from(tomllib.loads(tables[1]), "documented")
     laws = {name: material.law for name, material in finger.materials.items() if material.law}

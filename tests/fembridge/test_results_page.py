@@ -1,4 +1,4 @@
-"""Every command and every line of Python in docs/results.md works as it stands."""
+"""Every command and every line of Python in docs/how_to/results.md works as it stands."""
 
 import re
 import shlex
@@ -10,7 +10,7 @@ import pytest
 from fembridge.cli import main
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "how_to" / "results.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^fembridge (ingest [^#\n]+)", PAGE, re.MULTILINE)
 PYTHON = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 

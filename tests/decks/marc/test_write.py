@@ -248,7 +248,7 @@ def test_every_line_is_in_one_option_and_the_mesh_has_its_numbers(built):
 # ---- The page for Marc users asks for nothing that does not exist
 
 DOCS = Path(__file__).parents[3] / "docs"
-PAGE = (DOCS / "marc.md").read_text(encoding="utf-8")
+PAGE = (DOCS / "how_to" / "marc.md").read_text(encoding="utf-8")
 COMMANDS = [
     line
     for block in re.findall(r"```sh\n(.*?)```", PAGE, flags=re.DOTALL)

@@ -254,7 +254,7 @@ def test_too_few_fingers_and_parameters_that_rise_together_are_refused():
 
 
 DOCS = Path(__file__).parents[3] / "docs"
-PAGE = (DOCS / "sensitivity.md").read_text("utf-8")
+PAGE = (DOCS / "science" / "sensitivity.md").read_text("utf-8")
 STUDIES = ("sensitivity_one_at_a_time", "sensitivity_hypercube")
 
 

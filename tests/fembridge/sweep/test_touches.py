@@ -379,7 +379,7 @@ def test_workers_of_dask_write_the_same_bytes_even_if_one_is_killed(tmp_path):
 def test_the_script_for_slurm_runs_on_workers_of_this_machine(tmp_path):
     pytest.importorskip("distributed")
     pandas.DataFrame(rows_of(4)).to_csv(tmp_path / "touches.csv", index=False)
-    script = Path(fb.__file__).parents[1] / "docs/touches_slurm.py"
+    script = Path(fb.__file__).parents[1] / "docs/how_to/touches_slurm.py"
     words = [str(script), str(tmp_path / "touches.csv"), str(tmp_path / "set"), "--local"]
     done = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
