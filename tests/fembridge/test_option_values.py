@@ -51,6 +51,7 @@ LINES = {
     "verify": "--quick --only patch -o verification",
     "deflect": "--finger quick -o deflection",
     "report": "run_folder -o report.html",
+    "sample": "waveform -o sample",
     "plot mesh": "-o mesh.png",
     "plot response": "-o response.png",
     "plot trace": "traces.csv -o trace.png",
