@@ -38,7 +38,8 @@ html_math_renderer = "mathml"
 
 # Reference
 autosummary_generate = True
-autodoc_typehints = "none"  # the signature has them, numpydoc the words
+autodoc_typehints = "none"  # the descriptions have the types in words
+default_role = "py:obj"  # a name in single backticks is a link where there is such an object
 autodoc_member_order = "bysource"
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
