@@ -32,7 +32,7 @@ extensions = [
 ]
 exclude_patterns = ["_build", "examples", "examples_*", "Thumbs.db"]
 nitpicky = False
-suppress_warnings = ["config.cache"]  # the gallery's configuration holds functions
+suppress_warnings = ["config.cache", "toc.not_included"]  # of functions; of docs/studies
 
 # Pages
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath", "attrs_inline", "attrs_block"]
@@ -40,7 +40,7 @@ myst_heading_anchors = 4
 html_math_renderer = "mathml"
 
 # Reference
-autosummary_generate = True
+autosummary_generate = False
 autodoc_typehints = "none"  # the signature has them, numpydoc the words
 autodoc_member_order = "bysource"
 numpydoc_show_class_members = False

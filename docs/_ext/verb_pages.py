@@ -54,7 +54,9 @@ def _text(text: str) -> str:
     """Plain `text` of a help page as MyST: nothing in it is markup but ``code``."""
     pieces = re.split(r"(``?[^`]+``?)", text.strip())
     return "".join(
-        f"`{piece.strip('`')}`" if piece.startswith("`") else re.sub(r"([*_<>\[\]$#])", r"\\\1", piece)
+        f"`{piece.strip('`')}`"
+        if piece.startswith("`")
+        else re.sub(r"([*_<>\[\]$#])", r"\\\1", piece)
         for piece in pieces
     )
 
@@ -75,9 +77,9 @@ def _outputs(verb: str) -> str:
 def index_page() -> str:
     """The list of all verbs in their groups, with a table of contents."""
     pieces = [
-        "# Commands\n\nEach command has `--help` with an example and `--help-outputs` with the files "
-        "it writes; `--json` prints results and errors for programs. The exit code is 0 (done), 1 (an "
-        "error, in one line) or 2 (usage error)."
+        "# Commands\n\nEach command has `--help` with an example and `--help-outputs` with the "
+        "files it writes; `--json` prints results and errors for programs. The exit code is 0 "
+        "(done), 1 (an error, in one line) or 2 (usage error)."
     ]
     for title, verbs in cli._GROUPS.items():
         rows = [f"| [`{verb}`]({verb}.md) | {_text(line)} |" for verb, line in verbs.items()]

@@ -23,6 +23,10 @@ result = fb.simulate([f"sine_20_{amplitude}" for amplitude in amplitudes_um], st
 
 fig, panels = plt.subplots(4, 3, sharex=True, figsize=(7.2, 5), height_ratios=(0.8, 1, 1, 1))
 for column, stimulus in enumerate(result.stimuli):
-    panels[0, column].plot(stimulus.dt_ms * range(stimulus.displacement_um.size)
-                           if False else [stimulus.dt_ms * k for k in range(stimulus.displacement_um.size)],
-                           stimulus.displacement_um, color="0.3")
+    panels[0, column].plot(
+        stimulus.dt_ms * range(stimulus.displacement_um.size)
+        if False
+        else [stimulus.dt_ms * k for k in range(stimulus.displacement_um.size)],
+        stimulus.displacement_um,
+        color="0.3",
+    )

@@ -26,5 +26,7 @@ signal.set(ylabel="force (N)", title="A grasp that slips at 350 ms")
 for row, (name, colour) in enumerate({"SA": "C0", "RA": "C1", "PC": "C2"}.items()):
     (spikes_ms,) = encode(gain_pa_per_n * force_n, dt_ms, PUBLISHED[name])
     raster.vlines(spikes_ms, 1.6 - row, 2.4 - row, color=colour)
-    print(f"{name}: {spikes_ms.size} spikes, {np.sum((spikes_ms > 350) & (spikes_ms < 500))} of them while it slips")
+    print(
+        f"{name}: {spikes_ms.size} spikes, {np.sum((spikes_ms > 350) & (spikes_ms < 500))} of them while it slips"
+    )
 raster.set(yticks=(2, 1, 0), yticklabels=("SA", "RA", "PC"), xlabel="time (ms)")
