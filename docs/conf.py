@@ -30,9 +30,8 @@ extensions = [
     "formulas",
     "verb_pages",
 ]
-exclude_patterns = ["_build", "examples", "examples_*", "Thumbs.db"]
-nitpicky = False
-suppress_warnings = ["config.cache", "toc.not_included"]  # of functions; of docs/studies
+exclude_patterns = ["_build", "examples", "examples_*"]
+suppress_warnings = ["config.cache"]  # the gallery's configuration holds functions
 
 # Pages
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath", "attrs_inline", "attrs_block"]
@@ -40,8 +39,9 @@ myst_heading_anchors = 4
 html_math_renderer = "mathml"
 
 # Reference
-autosummary_generate = False
-autodoc_typehints = "none"  # the signature has them, numpydoc the words
+autosummary_generate = True
+autodoc_typehints = "none"  # the descriptions have the types in words
+default_role = "py:obj"  # a name in single backticks is a link where there is such an object
 autodoc_member_order = "bysource"
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False

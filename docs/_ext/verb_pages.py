@@ -78,8 +78,8 @@ def index_page() -> str:
     """The list of all verbs in their groups, with a table of contents."""
     pieces = [
         "# Commands\n\nEach command has `--help` with an example and `--help-outputs` with the "
-        "files it writes; `--json` prints results and errors for programs. The exit code is 0 "
-        "(done), 1 (an error, in one line) or 2 (usage error)."
+        "files that it writes; `--json` prints results and errors for programs. The exit code is "
+        "0 (done), 1 (an error, in one line) or 2 (usage error)."
     ]
     for title, verbs in cli._GROUPS.items():
         rows = [f"| [`{verb}`]({verb}.md) | {_text(line)} |" for verb, line in verbs.items()]

@@ -1,9 +1,14 @@
-"""The check of the built site finds addresses that a page loads from elsewhere."""
+"""The documentation site: what its check finds, and that the reference is complete."""
 
 import importlib.util
+import re
 from pathlib import Path
 
 import pytest
+
+import decks
+import fembridge
+import neural
 
 ROOT = Path(__file__).parents[2]
 
@@ -71,3 +76,16 @@ def test_scripts_and_styles_in_files_are_searched(look, tmp_path):
     (tmp_path / "a.js").write_text('importScripts("https://example.org/a.js")')
 
     assert len(look.faults_of(tmp_path)) == 2
+
+
+def test_the_reference_has_every_public_name():
+    text = (ROOT / "docs/reference/api.rst").read_text(encoding="utf-8")
+    sections = re.split(r"^\.\. currentmodule:: (\w+)$", text, flags=re.MULTILINE)[1:]
+    names = {
+        module: set(re.findall(r"^   (\w+)$", body, flags=re.MULTILINE))
+        for module, body in zip(sections[::2], sections[1::2], strict=True)
+    }
+
+    assert names["fembridge"] == set(fembridge._HOMES) | set(fembridge.__all__)
+    assert names["neural"] == set(neural.__all__)
+    assert names["decks"] == set(decks.__all__) - set(fembridge._HOMES)
