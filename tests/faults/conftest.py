@@ -1,6 +1,6 @@
-"""What the faults share: a solver that plays, our command, and the table of the docs.
+"""What the faults share: a solver that plays, our command, and the table of faults.
 
-The words that a user is to see stand in ``docs/how_to/faults.md`` alone; `as_in_table`
+The words that a user is to see stand in ``faults.md`` beside this file; `as_in_table`
 holds what the program says against the row that names the test.
 """
 
@@ -18,7 +18,7 @@ import pytest
 from fembridge.cli import main
 
 ROOT = Path(__file__).parents[2]
-TABLE = ROOT / "docs" / "how_to" / "faults.md"
+TABLE = Path(__file__).with_name("faults.md")
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The table of faults in the docs: its tests are there, its words are the program's."""
+"""The table of faults: its tests are there, its words are the program's and the page's."""
 
 import ast
 import re
@@ -60,3 +60,18 @@ def test_the_words_of_every_row_are_the_program_s(table, words_of_the_program):
                     for part in re.split(r": |; |,? ?\bexpected ", piece):
                         if len(part) >= SHORTEST:
                             assert part in words_of_the_program, (row.fault, part)
+
+
+def test_every_message_of_the_page_is_in_the_table(table):
+    known = {message for row in table for message in row.messages}
+    page = (ROOT / "docs" / "how_to" / "faults.md").read_text(encoding="utf-8")
+    checked = set()
+    for lines in re.findall(r"^\| .*\n\|[-|]+\n(?:\|.*\n)+", page, re.M):
+        header, _, *rows = lines.splitlines()
+        names = header.split(" | ")
+        if "message" in header:
+            column = next(n for n, name in enumerate(names) if "message" in name)
+            messages = {m for row in rows for m in re.findall("`([^`]+)`", row.split(" | ")[column])}
+            checked |= {message for message in messages if "…" in message}
+    assert len(checked) > 50
+    assert checked <= known
