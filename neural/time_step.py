@@ -133,9 +133,11 @@ def _interpolate(
         of_a, of_b, _, of_d, of_e, of_f = weights[point]
         for k in range(fine.shape[1]):
             base = coarse[c, k]
-            change = of_a * (coarse[a, k] - base) + of_b * (coarse[b, k] - base)
-            change += of_d * (coarse[d, k] - base) + of_e * (coarse[e, k] - base)
-            fine[row, k] = base + (change + of_f * (coarse[f, k] - base))
+            value = base + of_a * (coarse[a, k] - base)
+            value += of_b * (coarse[b, k] - base)
+            value += of_d * (coarse[d, k] - base)
+            value += of_e * (coarse[e, k] - base)
+            fine[row, k] = value + of_f * (coarse[f, k] - base)
 
 
 @cache
