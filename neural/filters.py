@@ -38,7 +38,7 @@ M1, M2, M3, M4 = 9, 9, 9, 8
 # Poles of `corpuscle`: three high passes and two low passes. Recorded thresholds of Pacinian
 # afferents fall up to 205 Hz, the highest frequency of Freeman & Johnson (1982).
 CORPUSCLE_HIGH_HZ, CORPUSCLE_LOW_HZ = 500.0, 135.0
-_HIGH_PASSES, _LOW_PASSES = 3, 2
+HIGH_PASSES, LOW_PASSES = 3, 2
 
 # Exponent of the compression, and weight of negative values (decision 0056).
 CORPUSCLE_POWER = 0.5
@@ -189,9 +189,9 @@ def corpuscle(
     outside the part are 0.
     """
     passed = checked_stress(stress_pa, dt_ms, derivative)
-    for number in range(_HIGH_PASSES + _LOW_PASSES):
+    for number in range(HIGH_PASSES + LOW_PASSES):
         stage = None if past is None else past.stage(number)
-        if number < _HIGH_PASSES:
+        if number < HIGH_PASSES:
             passed = passed - _low_passed(passed, CORPUSCLE_HIGH_HZ, dt_ms, stage)
         else:
             passed = _low_passed(passed, CORPUSCLE_LOW_HZ, dt_ms, stage)
