@@ -140,7 +140,8 @@ def _single(value: float) -> str:
 
 def _ascii(text: str) -> str:
     """`text` as a comment of C takes it."""
-    spelled = {"σ": "sigma", "′": "'", "″": "''", "α": "alpha", "β": "beta", "≥": ">=", "−": "-"}
+    spelled = {"σ": "sigma", "τ": "tau", "α": "alpha", "β": "beta", "≥": ">=", "−": "-"}
+    spelled |= {"′": "'", "″": "''"}
     for sign, word in spelled.items():
         text = text.replace(sign, word)
     return text.encode("ascii", "replace").decode().replace("*/", "* /")

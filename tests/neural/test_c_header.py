@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import fembridge as fb
+from fembridge.cli import main
 from fembridge.errors import ParameterError, UsageError
 from neural import encode_afferents, parameter_set
 from neural.c_header import export_c
@@ -148,6 +150,32 @@ def test_compiled_spikes_are_those_of_python(name, sensor_ms, more, compiler, tm
 
 
 @needs_compiler
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize(("name", "number"), [("fitted", 0), ("published", -1)])
+def test_every_stimulus_of_the_catalogue_fires_the_compiled_cells_alike(
+    name, number, precision, tmp_path
+):
+    """Single precision moved 5 of the 25 624 spikes of `fitted` when this was written."""
+    parameters = parameter_set(name).parameters
+    traces = fb.simulate("all", parameters=name, stored=True).traces
+    [dt_ms] = {trace.dt_ms for of_stimulus in traces for trace in of_stimulus}
+    header = export_c(name, sensor_ms=dt_ms, precision=precision)
+    encode = compiled(tmp_path, header, parameters, COMPILERS[number])
+    count, moved = 0, 0
+    for of_stimulus in traces:
+        stress_pa = np.stack([trace.stress_pa for trace in of_stimulus], axis=1)
+        expected, found = in_python(stress_pa, dt_ms, parameters), encode(stress_pa, 8)
+        for key in expected.keys() | found.keys():
+            pair = [np.round(of.get(key, np.zeros(0)) / dt_ms) for of in (expected, found)]
+            pair[1] = pair[1][pair[1] < len(stress_pa)]
+            count += pair[0].size
+            moved += np.setxor1d(*pair).size
+    assert len(traces) == 82
+    assert count > 2000
+    assert moved <= (0.001 * count if precision == "float" else 0)
+
+
+@needs_compiler
 @pytest.mark.parametrize("drive", MODELS)
 def test_every_model_is_exported(drive, parameters_of, tmp_path):
     parameters = {name: parameters_of(row) for name, row in MODELS[drive].items()}
@@ -218,3 +246,23 @@ def test_the_numbers_of_a_set_are_in_the_header():
     values = replace(parameter_set("fitted").parameters["RA"], jump_mv=77.0)
     changed = {**parameter_set("fitted").parameters, "RA": values}
     assert repr(77.0 / 0.1) in export_c(ParameterSet("mine", changed), afferents="RA")
+
+
+def test_the_command_writes_the_header_of_the_function(tmp_path, capsys):
+    path = tmp_path / "afferents.h"
+    words = ["--parameters", "published", "--precision", "float", "--afferent", "SA,PC"]
+    assert main(["export-c", *words, "-o", str(path)]) == 0
+    header = export_c("published", precision="float", afferents=["SA", "PC"])
+    assert path.read_text() == header
+    capsys.readouterr()
+    assert main(["export-c", *words]) == 0
+    assert capsys.readouterr().out == header
+
+
+@pytest.mark.parametrize("name", ["fitted", "published", "fitted_pad"])
+def test_the_equations_in_the_comments_are_spelled_in_ascii(name):
+    header = export_c(name)
+    assert header.isascii()
+    equations = [line for line in header.splitlines() if "I' = " in line]
+    assert len(equations) == 3
+    assert "?" not in "".join(equations)
