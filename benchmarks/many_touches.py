@@ -123,11 +123,12 @@ def many(rows: int, jobs: int = 2) -> float:
         )
         used_s, wall_s = cpu_s() - begin_s, time.monotonic() - wall_s
         data = fb.read(output)
+        largest_mb = peak_mb(resource.RUSAGE_CHILDREN)
+        bytes_each, spikes_each = size_of(output) / rows, data.spikes_count / rows
         print(
             f"{rows} presses, {jobs} processes: {wall_s:.0f} s, {used_s:.0f} s of processor time, "
-            f"{used_s / rows:.3f} s a touch; largest process {peak_mb(resource.RUSAGE_CHILDREN):.0f} "
-            f"MB; {size_of(output) / rows:.0f} bytes and {data.spikes_count / rows:.0f} spikes a "
-            "touch",
+            f"{used_s / rows:.3f} s a touch; largest process {largest_mb:.0f} MB; "
+            f"{bytes_each:.0f} bytes and {spikes_each:.0f} spikes a touch",
             flush=True,
         )
         return wall_s
