@@ -1,4 +1,4 @@
-"""What CI runs, ``nox -s check``; the oldest versions we claim, ``nox -s lowest``."""
+"""What CI runs, ``nox -s check`` and ``docs``; the oldest versions we claim, ``nox -s lowest``."""
 
 import nox
 
@@ -47,6 +47,15 @@ def wheel(session: nox.Session) -> None:
     folder = session.create_tmp()
     session.run("python", "-m", "build", "--wheel", "--outdir", folder, "--no-isolation")
     session.run("python", "tests/look_inside_wheel.py", folder)
+
+
+@nox.session
+def docs(session: nox.Session) -> None:
+    """Build the documentation site, warnings as errors, and look inside its pages."""
+    session.install("-c", "constraints.txt", ".[docs]")
+    site = "docs/_build/html"
+    session.run("python", "-m", "sphinx", "-b", "html", "-W", "--keep-going", "docs", site)
+    session.run("python", "tests/look_inside_site.py", site)
 
 
 @nox.session

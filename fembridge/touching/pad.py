@@ -326,11 +326,6 @@ class Pad(ABC):
         Parameters
         ----------
         shape
-            Shape at its place.
-
-        Parameters
-        ----------
-        shape
             Shape at its position.
 
         Raises

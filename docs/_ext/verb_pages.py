@@ -1,0 +1,109 @@
+"""A page for each verb of the command line, from its parser and from ``outputs.md``.
+
+The pages are written into ``reference/commands`` before Sphinx reads its sources; the folder is
+not part of the repository.
+"""
+
+import argparse
+import re
+from pathlib import Path
+
+from sphinx.application import Sphinx
+
+from fembridge import cli
+
+FOLDER = Path("reference/commands")
+
+
+def verb_page(verb: str) -> str:
+    """The page of `verb` in MyST: usage, options by group, example and written files."""
+    parser, command = cli._parser([verb])
+    verbs = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
+    verb_parser = verbs.choices[verb]
+    summary, _, details = (command.__doc__ or "").partition("\n\n")
+    pieces = [
+        f"# fembridge {verb}\n\n{_text(summary)}",
+        f"```sh\n{command.EXAMPLE}\n```",
+        _text(details),
+        f"## Usage\n\n```text\n{verb_parser.format_usage().removeprefix('usage: ').strip()}\n```",
+    ]
+    formatter = verb_parser._get_formatter()
+    for group in verb_parser._action_groups:
+        actions = [
+            action
+            for action in group._group_actions
+            if action.help != argparse.SUPPRESS and action.dest != "help"
+        ]
+        if not actions:
+            continue
+        title = {"options": "Options", "positional arguments": "Arguments"}.get(
+            str(group.title), str(group.title).capitalize()
+        )
+        rows = [
+            f"`{formatter._format_action_invocation(action)}`\n"
+            f": {_text(formatter._expand_help(action)) if action.help else '–'}"
+            for action in actions
+        ]
+        pieces.append(f"## {title}\n\n" + "\n\n".join(rows))
+    if outputs := _outputs(verb):
+        pieces.append(f"## Output\n\n{outputs}")
+    return "\n\n".join(filter(None, pieces)) + "\n"
+
+
+def _text(text: str) -> str:
+    """Plain `text` of a help page as MyST: nothing in it is markup but ``code``."""
+    pieces = re.split(r"(``?[^`]+``?)", text.strip())
+    return "".join(
+        f"`{piece.strip('`')}`"
+        if piece.startswith("`")
+        else re.sub(r"([*_<>\[\]$#])", r"\\\1", piece)
+        for piece in pieces
+    )
+
+
+def _outputs(verb: str) -> str:
+    """The written files of `verb`, each with the columns of its table."""
+    blocks = []
+    for file, (description, columns) in cli.outputs_of(verb).items():
+        block = f"`{file}`\n: {description}"
+        if columns:
+            rows = [f"| `{name}` | {unit} | {meaning} |" for name, unit, meaning in columns]
+            table = "\n".join(["| column | unit | meaning |", "|---|---|---|", *rows])
+            block += "\n\n" + "\n".join(f"  {row}" for row in table.splitlines())
+        blocks.append(block)
+    return "\n\n".join(blocks)
+
+
+def index_page() -> str:
+    """The list of all verbs in their groups, with a table of contents."""
+    pieces = [
+        "# Commands\n\nEach command has `--help` with an example and `--help-outputs` with the "
+        "files that it writes; `--json` prints results and errors for programs. The exit code is "
+        "0 (done), 1 (an error, in one line) or 2 (usage error)."
+    ]
+    for title, verbs in cli._GROUPS.items():
+        rows = [f"| [`{verb}`]({verb}.md) | {_text(line)} |" for verb, line in verbs.items()]
+        table = "\n".join(["| command | purpose |", "|---|---|", *rows])
+        pieces.append(f"## {title.capitalize()}\n\n{table}")
+    pieces.append("```{toctree}\n:hidden:\n\n" + "\n".join(cli.VERBS) + "\n```")
+    return "\n\n".join(pieces) + "\n"
+
+
+def write_pages(app: Sphinx) -> None:
+    """Write a page for each verb, where it differs from the present one."""
+    folder = Path(app.srcdir) / FOLDER
+    folder.mkdir(parents=True, exist_ok=True)
+    pages = {verb: verb_page(verb) for verb in cli.VERBS} | {"index": index_page()}
+    for old in folder.glob("*.md"):
+        if old.stem not in pages:
+            old.unlink()
+    for name, text in pages.items():
+        page = folder / f"{name}.md"
+        if not page.is_file() or page.read_text(encoding="utf-8") != text:
+            page.write_text(text, encoding="utf-8")
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Write the pages before Sphinx looks for its sources."""
+    app.connect("builder-inited", write_pages)
+    return {"parallel_read_safe": True}

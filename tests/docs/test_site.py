@@ -1,0 +1,91 @@
+"""The documentation site: what its check finds, and that the reference is complete."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+
+import decks
+import fembridge
+import neural
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def look():
+    spec = importlib.util.spec_from_file_location("look", ROOT / "tests/look_inside_site.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<script src="https://example.org/a.js"></script>',
+        '<script src="//example.org/a.js"></script>',
+        '<link rel="stylesheet" href="https://example.org/a.css">',
+        '<link rel="preconnect" href="https://example.org">',
+        '<img srcset="a.png 1x, https://example.org/b.png 2x" src="a.png">',
+        '<iframe src="http://example.org"></iframe>',
+        "<style>@import 'https://example.org/a.css';</style>",
+        "<style>body { background: url(https://example.org/a.png) }</style>",
+        '<p style="background: url(//example.org/a.png)">x</p>',
+        "<script>fetch('https://example.org/a.json')</script>",
+        "<script>image.src = 'https://example.org/a.png'</script>",
+        "<script type='module'>import x from 'https://example.org/x.mjs'</script>",
+    ],
+)
+def test_an_outside_address_that_is_loaded_is_found(look, tmp_path, text):
+    (tmp_path / "a.png").touch()
+    (tmp_path / "page.html").write_text(text)
+
+    (fault,) = look.faults_of(tmp_path)
+
+    assert "example.org" in fault
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<a href="https://example.org">a paper</a>',
+        '<link rel="canonical" href="https://example.org/page.html">',
+        '<a href="page.html#part">here</a> <a href="#part">here</a>',
+        '<svg xmlns="http://www.w3.org/2000/svg"></svg>',
+        '<img src="data:image/png;base64,AAAA">',
+    ],
+)
+def test_links_and_names_are_no_fault(look, tmp_path, text):
+    (tmp_path / "page.html").write_text(text)
+
+    assert look.faults_of(tmp_path) == []
+
+
+def test_a_link_to_a_missing_file_is_found(look, tmp_path):
+    (tmp_path / "page.html").write_text('<a href="other.html#part">there</a>')
+
+    (fault,) = look.faults_of(tmp_path)
+
+    assert "other.html" in fault
+
+
+def test_scripts_and_styles_in_files_are_searched(look, tmp_path):
+    (tmp_path / "a.css").write_text("@import url(https://example.org/a.css);")
+    (tmp_path / "a.js").write_text('importScripts("https://example.org/a.js")')
+
+    assert len(look.faults_of(tmp_path)) == 2
+
+
+def test_the_reference_has_every_public_name():
+    text = (ROOT / "docs/reference/api.rst").read_text(encoding="utf-8")
+    sections = re.split(r"^\.\. currentmodule:: (\w+)$", text, flags=re.MULTILINE)[1:]
+    names = {
+        module: set(re.findall(r"^   (\w+)$", body, flags=re.MULTILINE))
+        for module, body in zip(sections[::2], sections[1::2], strict=True)
+    }
+
+    assert names["fembridge"] == set(fembridge._HOMES) | set(fembridge.__all__)
+    assert names["neural"] == set(neural.__all__)
+    assert names["decks"] == set(decks.__all__) - set(fembridge._HOMES)
