@@ -10,7 +10,9 @@ from pathlib import Path
 DOCS = Path(__file__).parent
 sys.path.insert(0, str(DOCS / "_ext"))
 
-import fembridge as fb  # noqa: E402 - after the path
+from figure_scraper import figure_scraper  # noqa: E402 - after the path
+
+import fembridge as fb  # noqa: E402
 
 project = "fembridge"
 author = "The fembridge developers"
@@ -49,6 +51,7 @@ sphinx_gallery_conf = {
     "examples_dirs": ["examples"],
     "gallery_dirs": ["gallery"],
     "filename_pattern": r"/plot_",
+    "image_scrapers": (figure_scraper,),
     "write_computation_times": False,  # its page loads scripts from elsewhere
     "show_memory": False,
     "min_reported_time": 3600,

@@ -64,6 +64,7 @@ if TYPE_CHECKING:
     from fembridge.simulation.deck_response import map_deck, map_response
     from fembridge.simulation.encode import encode
     from fembridge.simulation.encoding import Encoding as Encoding
+    from fembridge.simulation.sample import sample
     from fembridge.simulation.simulate import simulate
     from fembridge.simulation.simulation import Simulation as Simulation
     from fembridge.solver.analysis import Analysis
@@ -119,6 +120,7 @@ __all__ = [  # noqa: RUF022 - the main job first, then from deck to spikes, then
     "verify",
     "deflect",
     "report",
+    "sample",
     "Stimulus",
     "Waveform",
     "StressTrace",
@@ -143,6 +145,7 @@ _HOMES = {
     for home, names in (
         ("fembridge.simulation.simulate", "simulate"),
         ("fembridge.simulation.simulation", "Simulation"),
+        ("fembridge.simulation.sample", "sample"),
         ("fembridge.simulation.deck_response", "map_deck map_response DeckResponse"),
         ("fembridge.simulation.encode", "encode"),
         ("fembridge.simulation.encoding", "Encoding"),

@@ -76,6 +76,8 @@ _BULGE_MM = 0.3
 # changes by less than 0.1 %. So many changes are remembered, and this share of a change is taken.
 _SETTLED, _TOLERABLE, _MOST_ROUNDS = 0.003, 0.05, 40
 _REMEMBERED, _TAKEN = 5, 0.6
+# Memory of the stress by wave number that is kept of a pad.
+MOST_BYTES = 256_000_000
 _LAYER, _TISSUE = "epidermis", "subcutaneous_tissue"
 
 
@@ -398,8 +400,8 @@ class SkinSheet:
     def _membrane(self) -> NDArray[np.complex64]:
         """Stress tt, zz, tz, nn in the middle of the sheet by wave number, ``(K, 4 C, 3 N')``."""
         row = next(n for n, row in enumerate(self.pad.rows) if row.layer == _LAYER)
-        waves = self._stress_waves(row)  # (K, 6, 2 M, 3 N')
         middles = self.pad.rows[row].arc_mm
+        waves = self._stress_waves(row).reshape(-1, 6, 2 * middles.size, 3 * self.shape[1])
         at, weight = cubic_weights(np.concatenate([-middles[::-1], middles]), self.cell_arc_mm)
         xx, yy, zz, xy, yz, zx = (
             np.einsum("kcqn,cq->kcn", waves[:, part][:, at], weight) for part in range(6)
@@ -410,8 +412,31 @@ class SkinSheet:
         tensor = np.stack([tt, zz, ny * zx - nx * yz, nn], axis=1).astype(np.complex64)
         return tensor.reshape(tensor.shape[0], -1, tensor.shape[-1])
 
+    def _even_stress_waves(self, row: int) -> SingleArray:
+        """`_stress_waves` as real numbers, kept for the touches to come.
+
+        The pad is its own mirror image along z: a wave is real or imaginary. These are the real
+        ones of forces times i along z, and of ``yz`` and ``zx`` divided by i.
+        """
+        kept = self._kept_waves
+        if row in kept:
+            return kept[row]
+        by_wave = self._stress_waves(row)
+        by_part = by_wave.reshape(len(by_wave), 6, -1, 3, self.shape[1])
+        by_part[..., 2, :] /= 1j
+        by_part[:, 4:] /= 1j
+        waves = np.ascontiguousarray(by_wave.real)
+        # Touches take the rows in turn: dropping the one used longest ago would drop each.
+        if sum(table.nbytes for table in kept.values()) + waves.nbytes <= MOST_BYTES:
+            kept[row] = waves
+        return waves
+
+    @cached_property
+    def _kept_waves(self) -> dict[int, SingleArray]:
+        return {}
+
     def _stress_waves(self, row: int) -> NDArray[np.complex64]:
-        """Stress in MPa in a row of elements by wave number, ``(K, 6, 2 M, 3 N')``."""
+        """Stress in MPa in a row of elements by wave number, ``(K, 6 x 2 M, 3 N')``."""
         pad, (_, columns, rows) = self.pad, self.shape
         middle = pad.stress_z_mm
         along = np.concatenate([-middle[::-1], middle])
@@ -433,7 +458,8 @@ class SkinSheet:
             around[:, self._length - rows + 1 :] = table[:, : rows - 1]
             waves = np.fft.rfft(around, axis=-1).astype(np.complex64)
             parts.append(waves.T.reshape(waves.shape[-1], -1, 6, columns))
-        return np.concatenate(parts, axis=-1).transpose(0, 2, 1, 3)
+        waves = np.concatenate(parts, axis=-1).transpose(0, 2, 1, 3)
+        return np.ascontiguousarray(waves).reshape(len(waves), -1, 3 * columns)
 
     def _waves(self, loads: FloatArray | SingleArray) -> NDArray[np.complex64]:
         """Loads ``(..., 3, N, R)`` by wave number, ``(K, 3 N, ...)``."""
@@ -458,11 +484,13 @@ class SkinSheet:
 
     def row_mpa(self, row: int, loads: SingleArray) -> SingleArray:
         """Stress in a row of elements in MPa, ``(6, 2 M, S, R)``, under loads ``(S, 3, N, R)``."""
-        waves = self._stress_waves(row)
-        count, parts, middles, _ = waves.shape
-        product = np.matmul(waves.reshape(count, parts * middles, -1), self._waves(loads))
+        waves = self._waves(loads)  # (K, 3 N', S), real and imaginary parts as two columns
+        waves[:, 2 * self.shape[1] :] *= 1j
+        real = np.matmul(self._even_stress_waves(row), waves.view(np.float32))
+        product = real.view(np.complex64)
+        product[:, product.shape[1] * 4 // 6 :] *= 1j
         values = self._rows(product).astype(np.float32)
-        return values.reshape(parts, middles, len(loads), -1)
+        return values.reshape(6, -1, len(loads), values.shape[-1])
 
     # ---- Large strain
 

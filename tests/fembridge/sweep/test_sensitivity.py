@@ -270,7 +270,8 @@ def test_the_tables_of_the_page_are_those_of_the_stored_fingers():
         regressions_markdown(cube, rank_regressions(cube)),
     )
     for name, table in zip(STUDIES, tables, strict=True):
-        assert (DOCS / "studies" / f"{name}.md").read_text("utf-8").strip() == table.strip()
+        _title, stored_table = (DOCS / "studies" / f"{name}.md").read_text("utf-8").split("\n", 1)
+        assert stored_table.strip() == table.strip()
 
 
 @pytest.mark.parametrize("name", [STUDIES[0], pytest.param(STUDIES[1], marks=pytest.mark.slow)])

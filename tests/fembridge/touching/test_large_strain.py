@@ -137,6 +137,19 @@ def test_stress_by_waves_is_the_superposed_stress():
     )
 
 
+def test_waves_kept_as_real_numbers_give_the_stress_of_complex_ones():
+    """Loads in all three directions, in a row of the skin and in one of the pulp."""
+    loads = np.random.default_rng(8).normal(size=(2, *SHEET.shape)).astype(np.float32)
+    for row in (0, len(PAD.rows) - 1):
+        by_wave = SHEET._stress_waves(row) @ SHEET._waves(loads)
+        expected = SHEET._rows(by_wave).reshape(6, -1, 2, SHEET.shape[2])
+        for _ in range(2):  # computed, then kept
+            stress = SHEET.row_mpa(row, loads)
+            for part in range(6):
+                largest = np.abs(expected[part]).max()
+                assert_allclose(stress[part], expected[part], rtol=0, atol=3e-6 * largest)
+
+
 def test_further_loads_of_the_sheet_are_in_balance():
     """Forces within a sheet have no sum along the finger and, on even skin, none along it."""
     loads = random_loads(3)
