@@ -93,6 +93,7 @@ if TYPE_CHECKING:
     from fembridge.touching.touch_result import Touch as Touch
     from fembridge.touching.trajectory import Trajectory
     from fembridge.trace import StressTrace
+    from neural.c_header import export_c
 
 __all__ = [  # noqa: RUF022 - the main job first, then from deck to spikes, then what is built on it
     "simulate",
@@ -105,6 +106,7 @@ __all__ = [  # noqa: RUF022 - the main job first, then from deck to spikes, then
     "run",
     "read",
     "encode",
+    "export_c",
     "touch",
     "touch_many",
     "receptive_field",
@@ -147,6 +149,7 @@ _HOMES = {
         ("fembridge.simulation.deck_response", "map_deck map_response DeckResponse"),
         ("fembridge.simulation.encode", "encode"),
         ("fembridge.simulation.encoding", "Encoding"),
+        ("neural.c_header", "export_c"),
         ("fembridge.solver.deck", "build_deck rebase_deck"),
         ("fembridge.solver.check", "check DeckCheck"),
         ("fembridge.solver.fingertip", "write_fingertip FingertipDeck"),

@@ -62,6 +62,7 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
         "ingest": "read stress traces from the results of a solver",
         "export-script": "print a script that exports traces inside Mentat or Abaqus",
         "encode": "turn stress traces into spikes and firing rates",
+        "export-c": "write the encoder as one C header, for microcontrollers",
     },
     "parameters and evidence": {
         "sweep": "run many stimuli on many fingers, and collect one table",

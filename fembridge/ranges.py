@@ -105,6 +105,7 @@ RANGES: Mapping[str, Range] = {
     "reach_mm": Range(1, 20),
     "relief_mm": Range(-1000, 1000),
     "resample_ms": Range(ABOVE_ZERO, 1e6),
+    "sensor_ms": Range(ABOVE_ZERO, 1e6),
     "retract_um": Range(0, 10_000),
     "seed": Range(0, _HIGH_WHOLE, is_whole=True),
     "slide_mm_per_s": Range(-10_000, 10_000),

@@ -22,6 +22,7 @@ After three still samples the rest is known, and the onset counts.
 
 import math
 from dataclasses import dataclass, field
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,7 +38,7 @@ M1, M2, M3, M4 = 9, 9, 9, 8
 # Poles of `corpuscle`: three high passes and two low passes. Recorded thresholds of Pacinian
 # afferents fall up to 205 Hz, the highest frequency of Freeman & Johnson (1982).
 CORPUSCLE_HIGH_HZ, CORPUSCLE_LOW_HZ = 500.0, 135.0
-_HIGH_PASSES, _LOW_PASSES = 3, 2
+HIGH_PASSES, LOW_PASSES = 3, 2
 
 # Exponent of the compression, and weight of negative values (decision 0056).
 CORPUSCLE_POWER = 0.5
@@ -51,6 +52,9 @@ FADES = ((0.8, 200.0), (0.04, 5000.0))
 # Cutoff frequency of the response of SA to movement: of the tested values the best on a held-out
 # frequency (decision 0032). Without it SA would fire 200 impulses/s at a strong 400 Hz.
 SLOW_HZ = 100.0
+
+# Up to this number of columns, a recursion in Python is faster than one in NumPy.
+_FEW_COLUMNS = 10
 
 # Numbers of samples before and after t that a derivative at t reads.
 _REACH = {"backward": (1, 0), "central": (1, 1), "forward": (0, 1)}
@@ -185,9 +189,9 @@ def corpuscle(
     outside the part are 0.
     """
     passed = checked_stress(stress_pa, dt_ms, derivative)
-    for number in range(_HIGH_PASSES + _LOW_PASSES):
+    for number in range(HIGH_PASSES + LOW_PASSES):
         stage = None if past is None else past.stage(number)
-        if number < _HIGH_PASSES:
+        if number < HIGH_PASSES:
             passed = passed - _low_passed(passed, CORPUSCLE_HIGH_HZ, dt_ms, stage)
         else:
             passed = _low_passed(passed, CORPUSCLE_LOW_HZ, dt_ms, stage)
@@ -240,19 +244,24 @@ def _followed(
     before: FloatArray,
     output_before: FloatArray,
 ) -> FloatArray:
-    """The recursion, solved as a system of equations with two diagonals."""
-    from scipy.linalg import solve_banded
-
-    right = share * inputs
-    right[0] += share_before * before + kept * output_before
+    """The recursion of `_follow` to the last bit, row by row, or column by column where few."""
+    fed = share * inputs
+    fed[0] += share_before * before
     if share_before:
-        right[1:] += share_before * inputs[:-1]
-    diagonals = np.empty((2, len(right)))
-    diagonals[0], diagonals[1] = 1.0, -kept
-    solved: FloatArray = solve_banded(
-        (1, 0), diagonals, right, overwrite_b=True, check_finite=False
-    )
-    return solved
+        fed[1:] += share_before * inputs[:-1]
+    if fed[0].size > _FEW_COLUMNS:
+        previous, kept_part = output_before, np.empty_like(fed[0])
+        for row in fed:
+            row += np.multiply(previous, kept, out=kept_part)
+            previous = row
+        return fed
+    columns, settled = fed.reshape(len(fed), -1), np.atleast_1d(output_before)
+    for column, first in enumerate(settled.tolist()):
+        values = accumulate(
+            columns[:, column].tolist(), lambda output, x: x + kept * output, initial=first
+        )
+        columns[:, column] = list(values)[1:]
+    return columns.reshape(fed.shape)
 
 
 def _follow(

@@ -246,12 +246,22 @@ def _rising_ra(values: Values) -> Coefficients:
     return Coefficients(_RA_GAP_MV, weights=(np.divide(1.0, values["step_pa"]),))
 
 
+def level(stress_pa: FloatArray, *_: object) -> FloatArray:
+    """The stress itself, as a `Filter`."""
+    return stress_pa
+
+
+def averaged_level(stress_pa: FloatArray, *_: object) -> FloatArray:
+    """`sa_level` as a `Filter`."""
+    return sa_level(stress_pa)
+
+
 _PUBLISHED = (
     AfferentModel(
         name="published",
         afferent="SA",
         parameters=SaParameters,
-        filters=(lambda stress, *_: sa_level(stress), sa_rate),
+        filters=(averaged_level, sa_rate),
         coefficients=_saturating("a1_pa", "a2_pa_per_ms"),
         coefficients_free=(A1, A2, ALPHA),
         equation="I' = α' (x1/(a1 + x1) + x2/(a2 + x2)), x1 = mean |σ|, x2 = mean |σ'|",
@@ -306,7 +316,7 @@ _ROWS = (
         name="rising",
         afferent="SA",
         parameters=RisingSaParameters,
-        filters=(stress_rate, lambda stress, *_: stress),
+        filters=(stress_rate, level),
         coefficients=_rising_sa,
         coefficients_free=(STEP, SUSTAINED),
         equation="I' = gap (σ'/step + σ/(held τ)), v ≥ rest",

@@ -24,7 +24,7 @@ from neural.parameters import AfferentParameters
 STEP_TOLERANCE = 1.0e-4
 
 # Samples before and after an interval that determine its polynomial.
-_BEFORE, _AFTER = 3, 3
+_BEFORE, AFTER = 3, 3
 
 Reader: TypeAlias = Callable[[int, int], FloatArray]
 """Function of a first and an end sample that returns the stress ``(T, ...)``."""
@@ -66,7 +66,7 @@ def fits_step(parameters: AfferentParameters, dt_ms: float) -> bool:
 def overshoot(parameters: AfferentParameters, dt_ms: float) -> float:
     """Range of the stress at the time step of the parameters over that of the trace, at most."""
     finer, _ = step_ratio(parameters, dt_ms)
-    return float(np.abs(_weights(finer)).sum(axis=1).max())
+    return float(np.abs(interpolation_weights(finer)).sum(axis=1).max())
 
 
 def read_at_step(
@@ -89,13 +89,13 @@ def _skipping(read: Reader, every: int) -> Reader:
 
 
 def _interpolating(read: Reader, samples: int, finer: int) -> Reader:
-    weights = _weights(finer)
+    weights = interpolation_weights(finer)
 
     def read_finer(first: int, end: int) -> FloatArray:
         """Before the first and after the last sample the stress is that sample's."""
         intervals = np.arange(first // finer, (end - 1) // finer + 1)
         begin = max(0, int(intervals[0]) - _BEFORE + 1)
-        stop = min(samples, int(intervals[-1]) + _AFTER + 1)
+        stop = min(samples, int(intervals[-1]) + AFTER + 1)
         coarse = read(begin, stop)
         if interpolate := compiled(_interpolate):
             fine = np.empty((end - first, *coarse.shape[1:]))
@@ -107,7 +107,7 @@ def _interpolating(read: Reader, samples: int, finer: int) -> Reader:
         values = np.repeat(base, finer, axis=0).astype(np.float64, copy=False)
         shape = (len(intervals), finer, *coarse.shape[1:])
         values = values.reshape(shape)
-        for column, offset in enumerate(range(1 - _BEFORE, _AFTER + 1)):
+        for column, offset in enumerate(range(1 - _BEFORE, AFTER + 1)):
             if offset:
                 rows = np.clip(intervals + offset, 0, samples - 1) - begin
                 # Differences, so that a constant stress stays exactly constant.
@@ -133,15 +133,17 @@ def _interpolate(
         of_a, of_b, _, of_d, of_e, of_f = weights[point]
         for k in range(fine.shape[1]):
             base = coarse[c, k]
-            change = of_a * (coarse[a, k] - base) + of_b * (coarse[b, k] - base)
-            change += of_d * (coarse[d, k] - base) + of_e * (coarse[e, k] - base)
-            fine[row, k] = base + (change + of_f * (coarse[f, k] - base))
+            value = base + of_a * (coarse[a, k] - base)
+            value += of_b * (coarse[b, k] - base)
+            value += of_d * (coarse[d, k] - base)
+            value += of_e * (coarse[e, k] - base)
+            fine[row, k] = value + of_f * (coarse[f, k] - base)
 
 
 @cache
-def _weights(finer: int) -> FloatArray:
+def interpolation_weights(finer: int) -> FloatArray:
     """Lagrange weights ``(finer, 6)`` of the samples around each point of an interval."""
-    nodes = np.arange(1 - _BEFORE, _AFTER + 1, dtype=np.float64)
+    nodes = np.arange(1 - _BEFORE, AFTER + 1, dtype=np.float64)
     points = np.arange(finer) / finer
     weights = np.ones((finer, nodes.size))
     for column, node in enumerate(nodes):

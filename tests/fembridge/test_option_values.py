@@ -38,6 +38,7 @@ LINES = {
     "run": "run_folder",
     "ingest": "run_folder",
     "export-script": "",
+    "export-c": "",
     "encode": "traces.csv --no-raster -o encoded",
     "simulate": "--stimulus sine_20_250 --stored --no-plot -o out",
     "touch": "--press-um 200 --population one_each --no-plot -o out",

@@ -12,28 +12,12 @@ from neural import encoder, lif
 from neural.encoder import encode, encode_afferents, encode_cells, encode_units
 from neural.filters import DERIVATIVES
 from neural.parameter_sets import parameter_set
-from neural.parameters import PUBLISHED, AfferentParameters, quantiles
+from neural.parameters import PUBLISHED, quantiles
 
 DT_MS = 0.5
 TIMES_MS = DT_MS * np.arange(501)
 
 STRESS_PA = 2e4 + 1.5e4 * np.sin(2e-3 * np.pi * np.outer(TIMES_MS[:161], [20, 60, 100, 300]))
-
-# One of each model, in which half a dozen spikes and more follow from `STRESS_PA`.
-VALUES = {
-    "tau_ms": 37.0,
-    "a1_pa": 2.1e4,
-    "a2_pa_per_ms": 9.3e3,
-    "a3_pa_per_ms": 4.7e3,
-    "a4_pa_per_ms2": 3.1e3,
-    "alpha_mv_per_ms": 7.3,
-    "beta_mv_per_ms": 0.43,
-    "step_pa": 5.9e3,
-    "held_pa": 1.7e4,
-    "jump_mv": 2.3,
-    "recovery_ms": 41.0,
-    "retraction": 0.8,
-}
 
 
 def half_sine_pa(frequency_hz, peak_pa=2e4):
@@ -94,13 +78,8 @@ def test_a_step_printed_with_six_digits_is_the_step():
     np.testing.assert_array_equal(printed, exact)
 
 
-def parameters_of(row, **changes) -> AfferentParameters:
-    named = {one.field: VALUES[one.field] for one in row.free(1)}
-    return row.parameters(**{**named, "drive": row.name, **changes})
-
-
 @pytest.mark.parametrize("cells", [2, 5])
-def test_a_cell_is_a_single_one_under_stress_divided_by_its_need(row, cells):
+def test_a_cell_is_a_single_one_under_stress_divided_by_its_need(parameters_of, row, cells):
     """Need is exp(spread q): it takes that many times the stress for the same."""
     spread = 0.7
     population = parameters_of(row, cells=cells, spread=spread)
@@ -139,7 +118,9 @@ def test_classes_together_fire_as_each_alone(name):
 @pytest.mark.parametrize(
     ("derivative", "refractory_ms"), list(zip(DERIVATIVES, (0.0, 1.0, 60.0), strict=True))
 )
-def test_parts_of_a_trace_fire_as_the_whole(row, derivative, refractory_ms, monkeypatch):
+def test_parts_of_a_trace_fire_as_the_whole(
+    parameters_of, row, derivative, refractory_ms, monkeypatch
+):
     """To the last spike, of every model: one whose filters see farther would show here.
 
     One by one, as few are, and at once.
