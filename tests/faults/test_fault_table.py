@@ -71,7 +71,9 @@ def test_every_message_of_the_page_is_in_the_table(table):
         names = header.split(" | ")
         if "message" in header:
             column = next(n for n, name in enumerate(names) if "message" in name)
-            messages = {m for row in rows for m in re.findall("`([^`]+)`", row.split(" | ")[column])}
+            messages = {
+                m for row in rows for m in re.findall("`([^`]+)`", row.split(" | ")[column])
+            }
             checked |= {message for message in messages if "…" in message}
     assert len(checked) > 50
     assert checked <= known
