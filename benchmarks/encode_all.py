@@ -17,7 +17,7 @@ import numpy as np
 
 from decks.stimuli import resolve
 from decks.synthesis import make_stimulus
-from fembridge.fitting.problem import stored_source
+from fembridge.fitting.response_source import stored_source
 from neural import encode_afferents, parameter_set
 from neural.parameter_sets import SET_NAMES
 

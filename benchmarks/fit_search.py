@@ -21,7 +21,8 @@ from pathlib import Path
 import numpy as np
 
 from decks.stimuli import resolve
-from fembridge.fitting.problem import fit_problem, stored_source
+from fembridge.fitting.problem import fit_problem
+from fembridge.fitting.response_source import stored_source
 from fembridge.io.observed_rates import ObservedRates
 from neural.models import DEFAULT_MODELS, model_named
 from neural.search import EVALUATIONS, POPULATION, search_front

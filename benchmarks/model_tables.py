@@ -18,7 +18,8 @@ import fembridge as fb
 from benchmarks.touch_evidence import replaced, table
 from fembridge.evidence.recorded_folder import joined_rates, read_recorded_folder
 from fembridge.fitting.model_study import CASES_FILE, ModelStudy
-from fembridge.fitting.problem import fit_problem, observed_entries, stored_source
+from fembridge.fitting.problem import fit_problem, observed_entries
+from fembridge.fitting.response_source import stored_source
 from fembridge.io.observed_rates import FAMILIES, read_observed
 from fembridge.io.spike_table import RATE_COLUMNS
 from fembridge.reporting.rate_tables import FINGERTIP, TOUCHSIM

@@ -24,15 +24,14 @@ from fembridge.errors import ParameterError, ResultError, UsageError
 from fembridge.evidence import THRESHOLDS, published_timing, read_evidence
 from fembridge.fitting.problem import (
     ALL,
-    ResponseSource,
     fit_problem,
     models_to_fit,
     observed_entries,
     phase_target,
-    response_source,
     threshold_target,
     timing_target,
 )
+from fembridge.fitting.response_source import ResponseSource, response_source
 from fembridge.host.store import check_output, filling, read_toml, write_text, write_toml
 from fembridge.host.terminal import Bars
 from fembridge.io.observed_rates import FAMILIES, ObservedRates, read_observed

@@ -20,7 +20,8 @@ import numpy as np
 
 from fembridge.errors import ResultError, UsageError
 from fembridge.fitting.fit import FitSettings, Search
-from fembridge.fitting.problem import checked_model, fit_problem, response_source
+from fembridge.fitting.problem import checked_model, fit_problem
+from fembridge.fitting.response_source import response_source
 from fembridge.host.executor import executor_of, finished
 from fembridge.host.store import check_output, filling, read_toml, write_text, write_toml
 from fembridge.io.formatting import markdown

@@ -20,6 +20,7 @@ import numpy as np
 
 from fembridge.errors import ResultError, UsageError
 from fembridge.evidence import CRITERIA, HIGHEST_HZ, LOWEST_HZ, THRESHOLDS, published, read_evidence
+from fembridge.fitting.response_source import response_source
 from fembridge.host.store import check_output, filling, read_toml, write_toml
 from fembridge.io.number import parse_number
 from fembridge.io.text_table import read_table, write_table
@@ -260,8 +261,6 @@ def threshold(
     True
     """
     import pandas
-
-    from fembridge.fitting.problem import response_source
 
     if isinstance(afferents, str):
         afferents = [afferents]

@@ -14,7 +14,7 @@ from decks.stimuli import CATALOGUE, Entry
 from decks.synthesis import make_stimulus
 from fembridge.errors import MissingError, UsageError, warn
 from fembridge.evidence import Facts, touchsim_rates
-from fembridge.fitting.problem import stored_source
+from fembridge.fitting.response_source import stored_source
 from fembridge.host.machine import SOLVER_INSTALL_LINE, find_ccx
 from fembridge.host.store import sha256_of, temporary_folder
 from fembridge.io.observed_rates import ObservedRates

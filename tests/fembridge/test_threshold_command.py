@@ -20,7 +20,7 @@ from fembridge.evidence import (
     read_evidence,
     touchsim_rates,
 )
-from fembridge.fitting.problem import stored_source
+from fembridge.fitting.response_source import stored_source
 from fembridge.fitting.thresholds import (
     Thresholds,
     class_thresholds,

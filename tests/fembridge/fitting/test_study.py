@@ -17,7 +17,7 @@ from fembridge.fitting.model_study import (
     study_models,
     summary_text,
 )
-from fembridge.fitting.problem import stored_source
+from fembridge.fitting.response_source import stored_source
 from fembridge.io.observed_rates import read_observed
 from fembridge.io.spike_table import Rate, write_rates
 from neural.models import MODELS

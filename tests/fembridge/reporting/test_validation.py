@@ -40,7 +40,7 @@ from fembridge.evidence import (
     published,
     touchsim_rates,
 )
-from fembridge.fitting.problem import stored_source
+from fembridge.fitting.response_source import stored_source
 from fembridge.fitting.thresholds import vibration
 from fembridge.io.observed_rates import read_observed
 from fembridge.io.spike_table import Rate, SpikeTrain, write_rates
