@@ -41,7 +41,7 @@ def sample(name: str = "frd", folder: str | Path = FOLDER) -> Path:
         ``frd`` (run folder with results of CalculiX), ``deck`` (a finger model as a CalculiX
         deck), ``pressure`` (a robot's pressure signal), ``waveform`` (depth of a probe over
         time), ``rates`` (firing rates of 37 sinusoids, by TouchSim) or ``touches`` (a study of
-        twelve touches).
+        twelve touches). Default: ``frd``.
     folder
         Folder of the files, which is made. Default: ``sample``.
 
