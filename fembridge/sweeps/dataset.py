@@ -3,6 +3,7 @@
 ::
 
     dataset.toml                 rows, parts, version and digest of the table
+    rows.parquet                 digest of each row, by which a longer table is compared
     touches/part-00000.parquet   a row a touch: settings, digests, state, warnings
     spikes/part-00000.parquet    touch, afferent, unit, trial, spike_time_ms
     units/part-00000.parquet     positions of the units of each population
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
     from fembridge.plots.style import Panels
 
 FORMAT = 1
-ABOUT_FILE, PROGRESS_FILE = "dataset.toml", "progress.toml"
+ABOUT_FILE, ROWS_FILE, PROGRESS_FILE = "dataset.toml", "rows.parquet", "progress.toml"
 TABLES = ("spikes", "forces", "units", "touches")
 """Folders of a data set, in the order in which the files of a part are written."""
 DONE, FAILED = "done", "failed"
@@ -57,6 +58,7 @@ _INSTALL_LINE = "pip install 'fembridge[datasets]'"
 _META = b"fembridge"
 _COUNT_MAX = np.iinfo(np.uint16).max
 _CACHED_PARTS = 4
+_ROW_DIGEST_BYTES = 16
 
 RESULTS: Mapping[str, str] = {
     "status": "string",
@@ -295,6 +297,42 @@ def read_about(store: Store) -> Table:
     return about
 
 
+def write_rows(store: Store, digests: Sequence[bytes]) -> None:
+    """Write ``rows.parquet``: digest of each row of the table, in the order of the touches."""
+    arrow_module = arrow()
+    column = arrow_module.array(digests, arrow_module.binary(_ROW_DIGEST_BYTES))
+    store.write(ROWS_FILE, _parquet(arrow_module.table({"digest": column})))
+
+
+def digest_of_rows(digests: Sequence[bytes]) -> str:
+    """SHA-256 of the digests of all rows, which is in ``dataset.toml``."""
+    return hashlib.sha256(b"".join(digests)).hexdigest()
+
+
+def read_rows(store: Store) -> list[bytes]:
+    """Digest of each row of the table, in the order of the touches.
+
+    A file of a longer table, whose process was killed before it wrote ``dataset.toml``, begins
+    with the same rows.
+
+    Raises
+    ------
+    ResultError
+        The file is absent, or has fewer rows.
+    """
+    import pyarrow.parquet as parquet
+
+    path, rows = Path(f"{store}/{ROWS_FILE}"), int(read_about(store)["rows"])
+    try:
+        table = parquet.read_table(io.BytesIO(store.read(ROWS_FILE)))
+        digests: list[bytes] = table["digest"].to_pylist()[:rows]
+    except (OSError, ValueError, KeyError) as error:
+        raise ResultError(f"cannot be read: {error}", path) from error
+    if len(digests) < rows:
+        raise ResultError(f"has {len(digests)} rows, expected {rows}", path)
+    return digests
+
+
 # ---- Parts
 
 
@@ -382,7 +420,7 @@ def read_part(store: Store, table: str, part: int) -> Any:  # noqa: ANN401 - an 
 
 def damaged_files(store: Store) -> list[str]:
     """Files whose content is not that of which their part has the checksum, or that are absent."""
-    damaged = []
+    damaged = [] if _rows_are_sound(store) else [ROWS_FILE]
     for part in sorted(_parts_of(store, "touches")):
         about = json.loads((read_part(store, "touches", part).schema.metadata or {})[_META])
         for table, sha256 in about["sha256"].items():
@@ -394,6 +432,13 @@ def damaged_files(store: Store) -> list[str]:
             if not is_sound:
                 damaged.append(name)
     return damaged
+
+
+def _rows_are_sound(store: Store) -> bool:
+    try:
+        return digest_of_rows(read_rows(store)) == read_about(store)["sha256"]
+    except ResultError:
+        return False
 
 
 # ---- The result
@@ -737,7 +782,8 @@ class Touches(Shown):
             make_folder(target.folder)
         if is_dataset(folder) and finished_parts(target) and read_about(target) != self.about:
             raise OutputError("has another data set of touches", Path(str(folder)))
-        target.write(ABOUT_FILE, self.store.read(ABOUT_FILE))
+        for name in (ROWS_FILE, ABOUT_FILE):
+            target.write(name, self.store.read(name))
         for part in self.parts:
             for table in TABLES:
                 name = part_name(table, part)

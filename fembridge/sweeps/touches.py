@@ -18,9 +18,10 @@ from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,13 +53,16 @@ from fembridge.sweeps.dataset import (
     Touches,
     arrow,
     damaged_files,
+    digest_of_rows,
     finished_parts,
     part_name,
     read_about,
     read_part,
+    read_rows,
     schema_of,
     store_of,
     write_part,
+    write_rows,
 )
 from fembridge.sweeps.touch_study import CONTACT, SETTINGS, TouchTable, read_touches
 from fembridge.sweeps.touch_work import (
@@ -80,6 +84,7 @@ from neural.parameter_sets import ParameterSet, parameters_to_table
 
 if TYPE_CHECKING:
     import pandas
+    from numpy.typing import NDArray
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -129,15 +134,28 @@ class Plan:
         Rows of settings.
     forces_step_ms
         Step of the forces in ms; 0: none.
+    extents
+        Numbers of rows of the shorter tables that the data set had before; their parts stay as
+        they are.
     """
 
     table: TouchTable
     forces_step_ms: float = FORCES_STEP_MS
+    extents: tuple[int, ...] = ()
 
     @cached_property
     def keys(self) -> list[str]:
         """Digest of each row: version, settings, and the content of its files and objects."""
         return [digest({"fembridge": __version__, **self._content(row)}) for row in self.rows]
+
+    @cached_property
+    def row_digests(self) -> list[bytes]:
+        """16 bytes by which a row is found in a longer table: its key and the user's columns."""
+        digests = []
+        for key, row in zip(self.keys, self.table.rows, strict=True):
+            labels = {name: row[name] for name in self.table.labels if name in row}
+            digests.append(bytes.fromhex(digest([key, labels])[:32]))
+        return digests
 
     @cached_property
     def contact_keys(self) -> list[str]:
@@ -173,15 +191,19 @@ class Plan:
 
     @cached_property
     def parts(self) -> list[list[list[int]]]:
-        """Groups of touches of each part."""
+        """Groups of touches of each part; a longer table has further parts for its new rows."""
+        ends = (0, *self.extents, len(self.rows))
+        return [part for first, end in pairwise(ends) for part in self._parts_of(first, end)]
+
+    def _parts_of(self, first: int, end: int) -> list[list[list[int]]]:
         groups: dict[str, list[int]] = {}
-        for touch, key in enumerate(self.contact_keys):
-            groups.setdefault(key, []).append(touch)
-        size = min(max(_PART_TOUCHES, len(self.rows) // _PARTS), _MOST_PART_TOUCHES)
+        for touch in range(first, end):
+            groups.setdefault(self.contact_keys[touch], []).append(touch)
+        size = min(max(_PART_TOUCHES, (end - first) // _PARTS), _MOST_PART_TOUCHES)
         parts: list[list[list[int]]] = [[]]
         for group in groups.values():
-            for first in range(0, len(group), size):
-                piece = group[first : first + size]
+            for begin in range(0, len(group), size):
+                piece = group[begin : begin + size]
                 if parts[-1] and sum(map(len, parts[-1])) + len(piece) > size:
                     parts.append([])
                 parts[-1].append(piece)
@@ -203,20 +225,50 @@ class Plan:
 
     @cached_property
     def label_types(self) -> dict[str, str]:
-        """Arrow type of each of the user's own columns."""
+        """Arrow type of each of the user's own columns, in the rows of the first table."""
+        return self._label_types(self.extents[0] if self.extents else len(self.rows))
+
+    def _label_types(self, count: int) -> dict[str, str]:
         types = {}
-        for label in self.table.labels:
-            kinds = {type(row[label]) for row in self.table.rows if label in row}
-            types[label] = (
-                "bool"
-                if kinds == {bool}
-                else "string"
-                if str in kinds
-                else "float64"
-                if float in kinds
-                else "int64"
-            )
+        for label in sorted(self.table.labels):  # not by the table, whose order may change
+            kinds = {type(row[label]) for row in self.table.rows[:count] if label in row}
+            if kinds:
+                types[label] = (
+                    "bool"
+                    if kinds == {bool}
+                    else "string"
+                    if str in kinds
+                    else "float64"
+                    if float in kinds
+                    else "int64"
+                )
         return types
+
+    def positions_of(self, row_digests: Sequence[bytes]) -> tuple[list[int | None], list[int]]:
+        """Rows of this table that have these digests, None where it has none; all other rows."""
+        rows_of: dict[bytes, deque[int]] = {}
+        for row, row_digest in enumerate(self.row_digests):
+            rows_of.setdefault(row_digest, deque()).append(row)
+        positions = [rows_of[key].popleft() if rows_of.get(key) else None for key in row_digests]
+        return positions, sorted(row for rows in rows_of.values() for row in rows)
+
+    def ordered(self, order: Sequence[int], extents: Sequence[int]) -> "Plan":
+        """Plan of the rows in another order.
+
+        Raises
+        ------
+        UsageError
+            Rows after those of the first table have a column of the user's own that these have
+            not, or of another type.
+        """
+        rows = tuple(self.table.rows[row] for row in order)
+        plan = Plan(replace(self.table, rows=rows), self.forces_step_ms, tuple(extents))
+        types = plan.label_types
+        for label, kind in plan._label_types(len(rows)).items():
+            if kind != (expected := types.get(label, "no such column")):
+                problem = f"is {kind} in further rows, and {expected} in the data set"
+                raise UsageError(problem, argument=label, found=kind, expected=expected)
+        return plan
 
     def check(self) -> None:
         """Refuse what can be refused before anything runs: names, files and sizes.
@@ -248,17 +300,15 @@ class Plan:
 
     def about(self) -> Table:
         """Content of ``dataset.toml``."""
-        labels = [
-            [str(row.get(label, "")) for label in self.table.labels] for row in self.table.rows
-        ]
         return {
             "format": FORMAT,
             "name": self.table.name,
             "fembridge": __version__,
             "rows": len(self.rows),
             "parts": len(self.parts),
+            "extents": list(self.extents),
             "forces_step_ms": float(self.forces_step_ms),
-            "sha256": digest([self.keys, labels, self.forces_step_ms]),
+            "sha256": digest_of_rows(self.row_digests),
             "files_from": str(self.table.folder),
             "study": self.table.text,
         }
@@ -320,11 +370,24 @@ def _digest_of_object(value: object) -> object:
         }
     import pickle
 
+    if isinstance(value, np.ndarray):
+        return _digest_of_array(value)
+    if hasattr(value, "columns"):  # a pickle also depends on how the table was made
+        return {str(name): _digest_of_array(np.asarray(value[name])) for name in value.columns}
     if isinstance(value, Shape):
         return {**{name: repr(item) for name, item in value.to_table().items()}, "height": (
             hashlib.sha256(pickle.dumps(value.height)).hexdigest()
         )}  # fmt: skip
     return hashlib.sha256(pickle.dumps(value)).hexdigest()
+
+
+def _digest_of_array(values: "NDArray[Any]") -> list[str]:
+    """Type, shape and content of an array; of one of texts and objects their representations."""
+    if values.dtype.kind in "biuf":
+        content = np.ascontiguousarray(values).tobytes()
+    else:
+        content = repr([str(value) for value in values.ravel()]).encode()
+    return [str(values.dtype), str(values.shape), hashlib.sha256(content).hexdigest()]
 
 
 # ---- Parts
@@ -442,10 +505,7 @@ def _record(plan: Plan, outcome: Outcome) -> dict[str, Any]:
     """Row of ``touches``."""
     touch = outcome.touch
     row, labels = plan.rows[touch], plan.table.rows[touch]
-    shown = {
-        name: value if isinstance(value, bool | int | float | str) else repr(value)
-        for name, value in row.items()
-    }
+    shown = {name: _shown(value) for name, value in row.items()}
     defaults = {
         name: value for name, value in outcome.record.items() if name not in plan.table.labels
     }
@@ -468,6 +528,17 @@ def _record(plan: Plan, outcome: Outcome) -> dict[str, Any]:
         "key": plan.keys[touch],
         "settings": _settings_text(row),
     }
+
+
+def _shown(value: object) -> object:
+    """A setting as it is in ``touches``: of a Python object a text."""
+    if isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.ndarray):
+        return f"array {' x '.join(map(str, value.shape))}"
+    if hasattr(value, "columns"):
+        return f"table {','.join(map(str, value.columns))}, {len(value)} rows"  # type: ignore[arg-type] # a DataFrame
+    return repr(value)
 
 
 def _settings_text(row: Settings) -> str | None:
@@ -770,7 +841,7 @@ def touch_many(
         if isinstance(store, LocalStore):
             make_folder(store.folder)
             stack.enter_context(folder_lock(store.folder, _LOCK, wait=False))
-        _begin(plan, store)
+        plan = _begin(plan, store)
         works, done = _unfinished(plan, store)
         unwritten: dict[int, str] = {}
         if works:
@@ -801,27 +872,50 @@ def touch_many(
     return result
 
 
-def _begin(plan: Plan, store: Store) -> None:
-    """Write ``dataset.toml``, or compare it with that of an earlier run."""
+def _begin(plan: Plan, store: Store) -> Plan:
+    """The plan of the data set, of which ``dataset.toml`` is written.
+
+    Rows that the data set has keep their numbers; further rows of a longer table follow.
+
+    Raises
+    ------
+    OutputError
+        A data set of another version or step of the forces, or with touches that are not in the
+        table.
+    """
+    if ABOUT_FILE not in store.names("") or not finished_parts(store):
+        return _described(plan, store)
+    earlier = read_about(store)
+    rows, extents = earlier["rows"], earlier["extents"]
+    positions, further = plan.positions_of(read_rows(store))
+    missing = positions.count(None)
+    if earlier["fembridge"] != __version__:
+        problem = f"by version {earlier['fembridge']} of fembridge"
+    elif earlier["forces_step_ms"] != plan.forces_step_ms:
+        problem = f"with forces every {earlier['forces_step_ms']:g} ms"
+    elif missing:
+        problem = f"of which {missing} of {rows} touches are not in this table"
+    else:
+        order = [row for row in positions if row is not None] + further
+        if not further:
+            return plan.ordered(order, extents)
+        _LOGGER.info(f"{len(further)} touches are added to {rows}")
+        return _described(plan.ordered(order, (*extents, rows)), store)
+    if not _is_of_failures(store):
+        raise OutputError(f"has a data set {problem}, choose another folder", Path(str(store)))
+    for part in finished_parts(store):  # "touches" first: it marks the others as complete
+        for name in reversed(TABLES):
+            store.remove(part_name(name, part))
+    return _described(plan, store)
+
+
+def _described(plan: Plan, store: Store) -> Plan:
+    """`plan`, after its rows and ``dataset.toml`` were written."""
     import tomli_w
 
-    about = plan.about()
-    if ABOUT_FILE in store.names("") and finished_parts(store):
-        earlier = read_about(store)
-        if earlier["sha256"] != about["sha256"] and not _is_of_failures(store):
-            difference = (
-                f"version {earlier['fembridge']} of fembridge"
-                if earlier["fembridge"] != __version__
-                else f"{earlier['rows']} touches of another table"
-            )
-            problem = f"has a data set of {difference}, choose another folder"
-            raise OutputError(problem, Path(str(store)))
-        if earlier["sha256"] == about["sha256"]:
-            return
-        for part in finished_parts(store):  # "touches" first: it marks the others as complete
-            for name in reversed(TABLES):
-                store.remove(part_name(name, part))
-    store.write(ABOUT_FILE, tomli_w.dumps(about).encode())
+    write_rows(store, plan.row_digests)  # first: they begin with those that were there
+    store.write(ABOUT_FILE, tomli_w.dumps(plan.about()).encode())
+    return plan
 
 
 def _is_of_failures(store: Store) -> bool:

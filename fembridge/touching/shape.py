@@ -506,7 +506,7 @@ SHAPES: Mapping[str, Callable[..., Shape]] = {
 
 
 def resolve_shape(
-    shape: str | Shape,
+    shape: str | Shape | FloatArray,
     pixel_mm: float | None = None,
     relief_mm: float | None = None,
     *,
@@ -519,7 +519,8 @@ def resolve_shape(
     Parameters
     ----------
     shape
-        A specification, the path of a height map, or a `Shape`, which is returned unchanged.
+        A specification, the path of a height map, heights in mm ``(row, column)`` as for
+        `Shape.from_heights`, or a `Shape`, which is returned unchanged.
     pixel_mm, relief_mm
         Sizes in mm of a height map, see `Shape.read`. Default: None, `shape` is none; the
         relief of a picture is 0.5.
@@ -532,18 +533,20 @@ def resolve_shape(
         No such shape, size or file, with near names; a size that the shape does not use.
     """
 
-    def read(path: Path) -> Shape:
+    def size_of_pixel(heights: str, maker: str) -> float:
         if pixel_mm is None:
-            raise UsageError(
-                f"is missing, the size of a pixel of {path}",
-                argument="pixel_mm",
-                expected="a size in mm; in Python fb.Shape.read(path, pixel_mm=...)",
-            )
+            expected = f"a size in mm; in Python fb.Shape.{maker}, pixel_mm=...)"
+            problem = f"is missing, the size of a pixel of {heights}"
+            raise UsageError(problem, argument="pixel_mm", expected=expected)
+        return pixel_mm
+
+    def read(path: Path) -> Shape:
+        size_mm = size_of_pixel(str(path), "read(path")
         if relief_mm is not None and path.suffix.lower() in _TABLE_SUFFIXES:
             raise UsageError(
                 f"is for a picture, and {path} has heights in mm", argument="relief_mm"
             )
-        return Shape.read(path, pixel_mm, 0.5 if relief_mm is None else relief_mm, tile=tile)
+        return Shape.read(path, size_mm, 0.5 if relief_mm is None else relief_mm, tile=tile)
 
     def heights(
         pixel_mm: float = _NO_SIZE, relief_mm: float = _NO_SIZE, *, tile: bool = False
@@ -559,6 +562,13 @@ def resolve_shape(
             if value is not None:
                 raise UsageError("is part of the shape", argument=argument, found=value)
         return from_specification(f"heights:{settings}", "shape", {"heights": heights})
+    if isinstance(shape, np.ndarray):
+        if relief_mm is not None:
+            raise UsageError(
+                "is for a picture, and an array has heights in mm", argument="relief_mm"
+            )
+        size_mm = size_of_pixel("an array of heights", "from_heights(array")
+        return Shape.from_heights(shape, size_mm, tile=tile)
     if not isinstance(shape, Shape | str):
         raise UsageError(argument="shape", found=shape, expected="a Shape, a text or a path")
     if isinstance(shape, Shape) or shape.partition(":")[0] in SHAPES:

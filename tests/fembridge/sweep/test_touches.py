@@ -112,6 +112,7 @@ def test_the_number_of_workers_changes_no_byte(tmp_path):
     assert files == bytes_of(tmp_path / "2")
     assert set(files) == {
         "dataset.toml",
+        "rows.parquet",
         *(f"{name}/part-00000.parquet" for name in dataset.TABLES),
     }
     data = fb.read(tmp_path / "1")
@@ -123,7 +124,7 @@ def test_a_touch_does_not_depend_on_the_touches_before_it():
     """Not in a bit of its stress, although sums of float32 depend on what is beside them."""
     from fembridge.touching import touch as module
 
-    press = {"shape": "braille:text=q", "press_n": 0.3, "ramp_ms": 5, "hold_ms": 5}
+    press = {"shape": "braille:text=q", "press_n": 0.02, "ramp_ms": 5, "hold_ms": 5}
     rows = [{**press, "x_mm": 0.3 * number, "z_mm": 0.1 * number} for number in range(5)]
     stresses = []
 
@@ -451,10 +452,97 @@ def test_a_folder_of_another_table_is_refused_unless_nothing_of_it_is_done(tmp_p
     touch_many(rows_of(1, x_mm=500), tmp_path / "set", jobs=1)
     touch_many(rows_of(1), tmp_path / "set", jobs=1)
     before = bytes_of(tmp_path / "set")
-    with pytest.raises(OutputError) as refused:
-        touch_many(rows_of(2), tmp_path / "set", jobs=1)
-    assert refused.value.path == tmp_path / "set"
+    for other in (rows_of(2)[1:], rows_of(1, label="c")):
+        with pytest.raises(OutputError) as refused:
+            touch_many(other, tmp_path / "set", jobs=1)
+        assert refused.value.path == tmp_path / "set"
+    with pytest.raises(OutputError):
+        touch_many(rows_of(1), tmp_path / "set", jobs=1, forces_step_ms=5)
     assert bytes_of(tmp_path / "set") == before
+
+
+@pytest.mark.parametrize("failing", [False, True])
+def test_a_longer_table_computes_only_its_further_rows_and_keeps_the_files_of_the_others(
+    tmp_path, monkeypatch, failing
+):
+    """Further rows may be anywhere in the table; rows keep the numbers they have."""
+    first = rows_of(3)
+    if failing:
+        first[1] |= {"x_mm": 500}
+    further = rows_of(5, depths_um=(250,), seed=9)
+    further[4] |= {"press_um": 350}
+    touch_many(first, tmp_path / "set", jobs=1)
+    before = bytes_of(tmp_path / "set")
+    run = []
+    batch = touches.run_batch
+    monkeypatch.setattr(touches, "run_batch", lambda work: run.extend(work.rows) or batch(work))
+    table = [*further[:2], *first, *further[2:]]
+    data = touch_many(table, tmp_path / "set", jobs=1)
+    assert sorted(run) == [1, 3, 4, 5, 6, 7] if failing else [3, 4, 5, 6, 7]
+    after = bytes_of(tmp_path / "set")
+    kept = [name for name in before if "part" in name]
+    assert all(after[name] == before[name] for name in kept) or failing
+    assert data.touches["press_um"].tolist() == [200, 300, 200, 250, 250, 250, 250, 350]
+    order = touch_many([*first, *further], jobs=1)
+    pandas.testing.assert_frame_equal(data.spikes, order.spikes)
+    assert data.about["extents"] == [3]
+    run.clear()
+    assert touch_many(table, tmp_path / "set", jobs=1).failed.keys() == data.failed.keys()
+    assert sorted(run) == [1] if failing else not run
+    assert not verify_touches(tmp_path / "set", percent=100).damaged
+    with pytest.raises(OutputError):
+        touch_many(first, tmp_path / "set", jobs=1)
+
+
+def test_a_study_with_more_draws_and_values_extends_its_data_set(tmp_path):
+    def study(count, depths_um):
+        draw = {"count": count, "seed": 3, "x_mm": {"uniform": [-1, 1]}}
+        return {"touches": {**SHORT, "product": {"press_um": depths_um}, "draw": draw}}
+
+    touch_many(study(2, [200, 300]), tmp_path / "set", jobs=1)
+    touch_many(study(3, [200, 300]), tmp_path / "set", jobs=1)
+    data = touch_many(study(3, [200, 300, 250]), tmp_path / "set", jobs=1)
+    assert data.about["extents"] == [4, 6]
+    whole = touch_many(study(3, [200, 300, 250]), jobs=1).touches
+    columns = ["press_um", "x_mm", "spikes", "key"]
+    assert sorted(data.touches["key"]) == sorted(whole["key"])
+    joined = data.touches[columns].merge(whole[columns], on="key")
+    assert joined["spikes_x"].tolist() == joined["spikes_y"].tolist()
+
+
+def test_a_process_that_was_killed_before_it_described_a_longer_table_changes_nothing(
+    tmp_path, monkeypatch
+):
+    rows = rows_of(3)
+    touch_many(rows[:2], tmp_path / "set", jobs=1)
+    about = (tmp_path / "set/dataset.toml").read_bytes()
+    touch_many(rows, tmp_path / "set", jobs=1)
+    other = rows_of(4)[:2] + rows_of(1, depths_um=(150,))
+    for name in ("touches", "spikes", "units", "forces"):
+        (tmp_path / "set" / name / "part-00001.parquet").unlink()
+    (tmp_path / "set/dataset.toml").write_bytes(about)
+    assert touch_many(rows[:2], tmp_path / "set", jobs=1).about["rows"] == 2
+    assert touch_many(other, tmp_path / "set", jobs=1).touches["press_um"].tolist() == [
+        *(200, 300),
+        150,
+    ]
+
+
+@pytest.mark.parametrize(
+    ("labels", "kind"),
+    [({"label_a": 1.5}, "float64"), ({"label_a": "b"}, None), ({"label_c": 1}, "int64")],
+)
+def test_further_rows_have_the_columns_of_the_data_set(tmp_path, labels, kind):
+    first = rows_of(1, label_a=1)
+    touch_many(first, tmp_path / "set", jobs=1)
+    with pytest.raises(UsageError) as refused:
+        touch_many([*first, *rows_of(1, seed=5, **labels)], tmp_path / "set", jobs=1)
+    assert refused.value.argument == next(iter(labels))
+    assert kind is None or refused.value.found == kind
+    table = [*rows_of(1, seed=5, label_b="x"), *rows_of(1, seed=6)]
+    with pytest.raises(UsageError):
+        touch_many([*first, *table], tmp_path / "set", jobs=1)
+    assert touch_many(first, tmp_path / "set", jobs=1).about["rows"] == 1
 
 
 @pytest.mark.parametrize(
