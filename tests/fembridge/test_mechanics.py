@@ -95,6 +95,8 @@ COMMANDS = {
     "build-deck": ["--stimulus", "sine_20_250", "-o", "out"],
 }
 """Arguments of the verbs that take a parameter set."""
+WITHOUT_MECHANICS = {"export-c"}
+"""Verbs with a parameter set that see no stress: the header gets it from a sensor later."""
 
 
 @pytest.mark.usefixtures("here", "short_validation")
@@ -135,7 +137,7 @@ def test_no_verb_with_a_parameter_set_is_left_out():
         command.add_arguments(parser)
         if "--parameters" in parser._option_string_actions:
             with_set.add(verb)
-    assert with_set == COMMANDS.keys()
+    assert with_set - WITHOUT_MECHANICS == COMMANDS.keys()
 
 
 def test_a_set_of_the_same_mechanics_is_silent(here, recwarn):
