@@ -436,7 +436,7 @@ def damaged_files(store: Store) -> list[str]:
 
 def _rows_are_sound(store: Store) -> bool:
     try:
-        return digest_of_rows(read_rows(store)) == read_about(store)["sha256"]
+        return digest_of_rows(read_rows(store)) == str(read_about(store)["sha256"])
     except ResultError:
         return False
 

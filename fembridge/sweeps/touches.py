@@ -357,7 +357,7 @@ def _digest_of_path(path: Path) -> str:
         raise UsageError(f"cannot be read: {error.strerror}", path) from error
 
 
-def _digest_of_object(value: object) -> object:
+def _digest_of_object(value: Any) -> object:  # noqa: ANN401 - any argument of a touch
     """Content of a Python object of a row, as far as a touch depends on it."""
     if isinstance(value, Pad):
         return {"pad": value.sha256, "origin": repr(sorted(value.origin.items()))}
