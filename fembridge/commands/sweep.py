@@ -6,7 +6,8 @@ inputs: a stopped sweep resumes, and an extended study solves only the new point
 item is listed with its cause and does not stop the others; the exit code is then 1.
 
 A study with [touches], or a table .csv or .parquet with a row per touch, gives a data set of
-Parquet files (docs/how_to/touches.md). "sweep status DIR" reports how far it is, "sweep verify DIR"
+Parquet files (docs/how_to/touches.md); a longer table adds its further rows. "sweep status DIR"
+reports how far it is, "sweep resume DIR" runs what is missing or has failed, "sweep verify DIR"
 runs a random part again and compares.
 """
 
@@ -22,7 +23,9 @@ from fembridge.solver.settings import Solver
 
 EXAMPLE = "fembridge sweep study.toml -o sweep --jobs 4"
 
-STATUS, VERIFY = "status", "verify"
+STATUS, VERIFY, RESUME = "status", "verify", "resume"
+_OF_DATA_SETS = (STATUS, VERIFY, RESUME)
+_MOST_CAUSES = 5
 
 USES = (
     Use(
@@ -30,17 +33,19 @@ USES = (
         "processes made here, not for --scheduler or status",
         lambda args: args.scheduler is None and args.study != STATUS,
     ),
+    Use("--output", "a study or table", lambda args: args.study not in _OF_DATA_SETS),
     Use(
-        "--output --executor --scheduler",
+        "--executor --scheduler",
         "a sweep, not for status or verify",
         lambda args: args.study not in (STATUS, VERIFY),
     ),
     Use("--scheduler", "--executor dask", lambda args: args.executor == "dask"),
-    Use("--yes --forces-step-ms", "touches", lambda args: _is_of_touches(args)),
+    Use("--yes", "touches", lambda args: args.study == RESUME or _is_of_touches(args)),
+    Use("--forces-step-ms", "a study or table of touches", lambda args: _is_of_touches(args)),
     Use(
         "--threads",
         "a solver, not for touches",
-        lambda args: args.study not in (STATUS, VERIFY) and not _is_of_touches(args),
+        lambda args: args.study not in _OF_DATA_SETS and not _is_of_touches(args),
     ),
     Use("--percent", "verify", lambda args: args.study == VERIFY),
 )
@@ -51,9 +56,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     from fembridge.sweeps.touches import FORCES_STEP_MS
 
     study = "stimuli, fingers, probes and methods, or touches; a table of touches, .csv or "
-    study += ".parquet; status or verify"
+    study += ".parquet; status, resume or verify"
     parser.add_argument("study", metavar="STUDY.toml", help=study)
-    folder = "data set, for status and verify"
+    folder = "data set, for status, resume and verify"
     parser.add_argument("folder", metavar="DIR", nargs="?", help=folder)
     output = "folder; of touches also an address, s3://bucket/set (default: sweep)"
     parser.add_argument("-o", "--output", metavar="DIR", default="sweep", help=output)
@@ -92,17 +97,19 @@ def _is_of_touches(args: argparse.Namespace) -> bool:
     """Whether the study is one of touches."""
     from fembridge.sweeps.touch_study import is_touch_study
 
-    return args.study not in (STATUS, VERIFY) and is_touch_study(Path(args.study))
+    return args.study not in _OF_DATA_SETS and is_touch_study(Path(args.study))
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Sweep; the summary counts, and lists what failed."""
-    if args.study in (STATUS, VERIFY):
+    if args.study in _OF_DATA_SETS:
         if args.folder is None:
             raise UsageError("is missing", argument="DIR", expected="the folder of a data set")
+        if args.study == RESUME:
+            return _resume(args)
         return _status(args.folder) if args.study == STATUS else _verify(args)
     if args.folder is not None:
-        problem = f"is {args.folder!r}, expected it after status or verify only"
+        problem = f"is {args.folder!r}, expected it after status, resume or verify only"
         raise UsageError(problem, argument="DIR", found=args.folder)
     if _is_of_touches(args):
         return _touch_many(args)
@@ -139,18 +146,28 @@ def _sweep(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
+def _resume(args: argparse.Namespace) -> dict[str, Any]:
+    from fembridge.sweeps.dataset import read_about, store_of
+    from fembridge.sweeps.touches import FORCES_STEP_MS
+
+    read_about(store_of(args.folder))  # a path without a data set is no table either
+    args.study, args.output, args.forces_step_ms = args.folder, None, FORCES_STEP_MS
+    return _touch_many(args)
+
+
 def _touch_many(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.sweeps.touches import touch_many
 
     result = touch_many(args.study, **words_of(args, touch_many), show_progress=True)
+    output = args.study if args.output is None else args.output
     failed, rows = result.failed, int(result.about["rows"])
     if failed:
         touch, cause = next(iter(failed.items()))
         log(error_line(f"{len(failed)} of {rows} touches failed, first {touch}: {cause}"))
     spikes = result.spikes_count
-    print(f"{rows - len(failed)} of {rows} touches done, {spikes} spikes: {args.output}")
+    print(f"{rows - len(failed)} of {rows} touches done, {spikes} spikes: {output}")
     return {
-        "output": args.output,
+        "output": output,
         "rows": rows,
         "done": rows - len(failed),
         "spikes": spikes,
@@ -162,6 +179,7 @@ def _touch_many(args: argparse.Namespace) -> dict[str, Any]:
 def _status(folder: str) -> dict[str, Any]:
     from dataclasses import asdict
 
+    from fembridge.sweeps.dataset import Touches
     from fembridge.sweeps.touches import touches_status
 
     state = touches_status(folder)
@@ -170,8 +188,13 @@ def _status(folder: str) -> dict[str, Any]:
     if state.is_running and state.per_s is not None and state.left_s is not None:
         text += f"; {state.per_s:.3g}/s, {timedelta(seconds=round(state.left_s))} left"
     elif not state.is_running and state.parts_done < state.parts:
-        text += "; no process is at work: run the same command to resume"
+        text += f"; no process is at work: fembridge sweep resume {folder}"
     print(text)
+    failed = Touches.read(folder).failed if state.failed else {}
+    for touch, cause in list(failed.items())[:_MOST_CAUSES]:
+        print(f"touch {touch} failed: {cause}")
+    if len(failed) > _MOST_CAUSES:
+        print(f"{len(failed) - _MOST_CAUSES} more, in the column cause of touches")
     return asdict(state)
 
 

@@ -3,7 +3,7 @@
 ::
 
     dataset.toml                 rows, parts, version and digest of the table
-    rows.parquet                 digest of each row, by which a longer table is compared
+    rows.parquet                 the table, and a digest of each row
     touches/part-00000.parquet   a row a touch: settings, digests, state, warnings
     spikes/part-00000.parquet    touch, afferent, unit, trial, spike_time_ms
     units/part-00000.parquet     positions of the units of each population
@@ -297,11 +297,23 @@ def read_about(store: Store) -> Table:
     return about
 
 
-def write_rows(store: Store, digests: Sequence[bytes]) -> None:
-    """Write ``rows.parquet``: digest of each row of the table, in the order of the touches."""
+def write_rows(
+    store: Store, digests: Sequence[bytes], settings: Sequence[Mapping[str, Any]]
+) -> None:
+    """Write ``rows.parquet``: digest and settings of each row, in the order of the touches."""
     arrow_module = arrow()
-    column = arrow_module.array(digests, arrow_module.binary(_ROW_DIGEST_BYTES))
-    store.write(ROWS_FILE, _parquet(arrow_module.table({"digest": column})))
+    columns = {
+        "digest": arrow_module.array(digests, arrow_module.binary(_ROW_DIGEST_BYTES)),
+        "settings": arrow_module.array(map(settings_text, settings), arrow_module.string()),
+    }
+    store.write(ROWS_FILE, _parquet(arrow_module.table(columns)))
+
+
+def settings_text(row: Mapping[str, Any]) -> str | None:
+    """Settings of a row as JSON, of which it can be run again; None with Python objects."""
+    if not all(isinstance(value, bool | int | float | str) for value in row.values()):
+        return None
+    return json.dumps(dict(row), sort_keys=True)
 
 
 def digest_of_rows(digests: Sequence[bytes]) -> str:
@@ -309,8 +321,8 @@ def digest_of_rows(digests: Sequence[bytes]) -> str:
     return hashlib.sha256(b"".join(digests)).hexdigest()
 
 
-def read_rows(store: Store) -> list[bytes]:
-    """Digest of each row of the table, in the order of the touches.
+def read_rows(store: Store) -> tuple[list[bytes], list[str | None]]:
+    """Digest of each row of the table, and its settings as JSON, in the order of the touches.
 
     A file of a longer table, whose process was killed before it wrote ``dataset.toml``, begins
     with the same rows.
@@ -325,12 +337,12 @@ def read_rows(store: Store) -> list[bytes]:
     path, rows = Path(f"{store}/{ROWS_FILE}"), int(read_about(store)["rows"])
     try:
         table = parquet.read_table(io.BytesIO(store.read(ROWS_FILE)))
-        digests: list[bytes] = table["digest"].to_pylist()[:rows]
+        digests, settings = (table[name].to_pylist() for name in ("digest", "settings"))
     except (OSError, ValueError, KeyError) as error:
         raise ResultError(f"cannot be read: {error}", path) from error
     if len(digests) < rows:
         raise ResultError(f"has {len(digests)} rows, expected {rows}", path)
-    return digests
+    return digests[:rows], settings[:rows]
 
 
 # ---- Parts
@@ -436,7 +448,7 @@ def damaged_files(store: Store) -> list[str]:
 
 def _rows_are_sound(store: Store) -> bool:
     try:
-        return digest_of_rows(read_rows(store)) == str(read_about(store)["sha256"])
+        return digest_of_rows(read_rows(store)[0]) == str(read_about(store)["sha256"])
     except ResultError:
         return False
 

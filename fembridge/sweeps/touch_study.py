@@ -24,7 +24,7 @@ All keys are in ``docs/how_to/touches.md``. File names are relative to the folde
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -107,6 +107,7 @@ _RANGE_OF = {
 }
 _PAIRS = {"at_mm": ("x_mm", "z_mm"), "tilt_deg": ("tilt_across_deg", "tilt_along_deg")}
 _DRAWS = ("uniform", "log_uniform", "normal", "choice")
+_SECTIONS = ("product", "draw", "rows")
 _MOTIONS = ("stimulus", "path", "pins", "trajectory")
 _DRAWN_SEEDS = 2**31
 
@@ -116,7 +117,7 @@ class TouchTable:
     """Rows of settings, in which only what is given occurs.
 
     `labels` are the names of the user's own columns, `folder` is what file names are relative
-    to, and `text` the study file.
+    to, `text` the study file, and `path` the file of the table.
     """
 
     rows: tuple[Mapping[str, Any], ...]
@@ -124,6 +125,7 @@ class TouchTable:
     folder: Path
     name: str
     text: str = ""
+    path: Path | None = None
 
 
 def is_touch_study(path: Path) -> bool:
@@ -165,7 +167,8 @@ def _read_file(path: Path) -> TouchTable:
     if suffix not in _TABLES:
         content = read_toml(path, UsageError, 10 * MAX_TOML_BYTES, 200_000)
         try:
-            return _study(content, path.parent, path.stem, path.read_text("utf-8-sig"))
+            table = _study(content, path.parent, path.stem, path.read_text("utf-8-sig"))
+            return replace(table, path=path)
         except FembridgeError as error:
             raise UsageError.from_error(error, path, "") from error
     if suffix == ".csv":
@@ -267,7 +270,7 @@ def _table(
                 path,
                 argument=label,
             )
-    return TouchTable(tuple(checked), tuple(labels), folder.resolve(), name, text)
+    return TouchTable(tuple(checked), tuple(labels), folder.resolve(), name, text, path)
 
 
 def _checked(row: Mapping[Any, Any]) -> dict[str, Any]:
@@ -293,7 +296,7 @@ def _pair(name: str, value: object) -> dict[str, float]:
 
 def _value(name: object, value: object) -> Any:  # noqa: ANN401 - a cell
     """Checked value of the setting `name`."""
-    if not isinstance(name, str) or not (name in SETTINGS or name in OBJECTS or _is_label(name)):
+    if not isinstance(name, str) or not _is_column(name):
         expected = "an argument of fembridge.touch, or label or label_..."
         hint = near_hint(str(name), [*SETTINGS, "trajectory", *_PAIRS])
         problem = f"is no column of a table of touches{hint}"
@@ -324,6 +327,10 @@ def _value(name: object, value: object) -> Any:  # noqa: ANN401 - a cell
     if kind is int and isinstance(value, float) and value != int(value):
         raise UsageError(argument=name, found=value, expected="a whole number")
     return kind(value)
+
+
+def _is_column(name: str) -> bool:
+    return name in SETTINGS or name in OBJECTS or _is_label(name)
 
 
 def _is_label(name: str) -> bool:
@@ -375,9 +382,8 @@ def _study(content: Mapping[str, Any], folder: Path, name: str, text: str = "") 
     touches = content.get("touches")
     if not isinstance(touches, Mapping):
         raise UsageError(key="touches", found=touches, expected="a table")
-    shared = {
-        key: value for key, value in touches.items() if key not in ("product", "draw", "rows")
-    }
+    _check_keys("touches", touches, _SECTIONS)
+    shared = {key: value for key, value in touches.items() if key not in _SECTIONS}
     listed = touches.get("rows", [{}])
     if isinstance(listed, str):
         listed = [dict(row) for row in _rows_of(folder / listed)]
@@ -394,6 +400,16 @@ def _study(content: Mapping[str, Any], folder: Path, name: str, text: str = "") 
     return _table(rows, folder, str(title), text=text)
 
 
+def _check_keys(table: str, content: Mapping[str, Any], others: Sequence[str] = ()) -> None:
+    """Refuse keys of a table of the study that are neither settings nor one of `others`."""
+    for name in content:
+        if name not in others and name not in _PAIRS and not _is_column(name):
+            hint = near_hint(name, [*others, *SETTINGS, "trajectory", *_PAIRS])
+            expected = "an argument of fembridge.touch, or label or label_..."
+            problem = f"is neither a setting of a touch nor a key of {table}{hint}"
+            raise UsageError(problem, key=f"{table}.{name}", found=name, expected=expected)
+
+
 def _rows_of(path: Path) -> list[dict[str, Any]]:
     suffix = path.suffix.lower()
     if suffix not in _TABLES:
@@ -405,6 +421,7 @@ def _combinations(factors: object) -> list[dict[str, Any]]:
     """Every combination of the listed values; the last factor varies fastest."""
     if not isinstance(factors, Mapping):
         raise UsageError(key="touches.product", found=factors, expected="a table of lists")
+    _check_keys("touches.product", factors)
     for name, values in factors.items():
         if not isinstance(values, list) or not values:
             key = f"touches.product.{name}"
@@ -424,6 +441,7 @@ def _drawn(rows: Sequence[Mapping[str, Any]], draw: object) -> list[dict[str, An
     if not isinstance(draw, Mapping):
         raise UsageError(key="touches.draw", found=draw, expected="a table")
     options = {"count": 1, "seed": 0, "shared": False}
+    _check_keys("touches.draw", draw, tuple(options))
     values = {name: draw.get(name, default) for name, default in options.items()}
     count, seed = values["count"], values["seed"]
     for key, value, least in (("count", count, 1), ("seed", seed, 0)):

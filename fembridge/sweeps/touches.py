@@ -55,11 +55,13 @@ from fembridge.sweeps.dataset import (
     damaged_files,
     digest_of_rows,
     finished_parts,
+    is_dataset,
     part_name,
     read_about,
     read_part,
     read_rows,
     schema_of,
+    settings_text,
     store_of,
     write_part,
     write_rows,
@@ -72,6 +74,7 @@ from fembridge.sweeps.touch_work import (
     check_setting,
     located,
     run_batch,
+    run_trial,
     units_of,
 )
 from fembridge.touching.pad import Pad
@@ -103,7 +106,6 @@ _LOCK = ".lock"
 _CLUSTER_BATCHES = 2000  # submitted to a cluster at a time
 _TRIALS_FROM = 10  # touches, from which on their cost is estimated
 _MOST_KINDS = 6
-_WARM_S = 5.0  # a trial that took less runs again, without the cost of a first call
 _PROGRESS_S = 5.0
 _SILENT_S = 60.0  # after the last report a run is taken to have ended
 _MOST_WARNINGS = 5
@@ -291,7 +293,7 @@ class Plan:
                 except FembridgeError as error:
                     raise UsageError(
                         f"of row {number} {error.problem}",
-                        error.path,
+                        error.path or self.table.path,
                         error.line,
                         argument=error.argument or names[0],
                         found=error.found,
@@ -526,7 +528,7 @@ def _record(plan: Plan, outcome: Outcome) -> dict[str, Any]:
         "population_id": plan.population_ids[touch],
         "contact_key": plan.contact_keys[touch],
         "key": plan.keys[touch],
-        "settings": _settings_text(row),
+        "settings": settings_text(row),
     }
 
 
@@ -539,13 +541,6 @@ def _shown(value: object) -> object:
     if hasattr(value, "columns"):
         return f"table {','.join(map(str, value.columns))}, {len(value)} rows"  # type: ignore[arg-type] # a DataFrame
     return repr(value)
-
-
-def _settings_text(row: Settings) -> str | None:
-    """Settings of a row as JSON, of which it can be run again; None with Python objects."""
-    if not all(isinstance(value, bool | int | float | str) for value in row.values()):
-        return None
-    return json.dumps(dict(row), sort_keys=True)
 
 
 # ---- Running
@@ -714,10 +709,7 @@ def _estimate(
     costs: list[tuple[list[int], Outcome]] = []
     for touches in tried:
         with suppress(Exception):  # it fails again in the run, with its cause
-            for _ in range(2):
-                [outcome] = executor.submit(run_batch, plan.batch(touches[:1])).result()
-                if outcome.contact_s + outcome.encode_s > _WARM_S:
-                    break
+            [outcome] = executor.submit(run_trial, plan.batch(touches[:1])).result()
             if not outcome.cause:
                 costs.append((touches, outcome))
                 works[part_of_touch[touches[0]]].outcomes[outcome.touch] = outcome
@@ -780,10 +772,11 @@ def touch_many(
         angle_deg, population, population_seed, pad, parameters, trials, noise_mv, seed``;
         ``map`` with ``stimulus`` is a response map of a deck of yours instead of a pad. Columns
         ``label`` and ``label_...`` are your own. Or the path of a study file, or a dict with its
-        keys, with ``[touches]``, ``[touches.product]`` and ``[touches.draw]``.
+        keys, with ``[touches]``, ``[touches.product]`` and ``[touches.draw]``. Or the folder or
+        address of a data set, whose missing and failed touches are run.
     output
-        Folder of the data set, or an address of fsspec such as ``"s3://bucket/set"``.
-        Default: None, it is kept in memory.
+        Folder of the data set, or an address of fsspec such as ``"s3://bucket/set"``; a data set
+        with some of the touches gets the others. Default: None, it is kept in memory.
     jobs
         Processes on this machine, 1 or more. Default: 2.
     executor
@@ -834,7 +827,13 @@ def touch_many(
         raise UsageError("requires the executor dask", argument="scheduler")
     check_range("forces_step_ms", forces_step_ms)
     arrow()
-    plan = Plan(read_touches(table), float(forces_step_ms))
+    if isinstance(table, str | Path) and is_dataset(table):
+        if output is not None:
+            raise UsageError("is for a table, not for a data set", argument="output", found=output)
+        output, forces_step_ms = table, read_about(store_of(table))["forces_step_ms"]
+        plan = Plan(stored_table(store_of(table)), float(forces_step_ms))
+    else:
+        plan = Plan(read_touches(table), float(forces_step_ms))
     plan.check()
     store: Store = MemoryStore() if output is None else store_of(output)
     with ExitStack() as stack:
@@ -872,6 +871,24 @@ def touch_many(
     return result
 
 
+def stored_table(store: Store) -> TouchTable:
+    """Table of a data set, by which it is resumed.
+
+    Raises
+    ------
+    UsageError
+        Rows with Python objects, which are not stored.
+    """
+    about, (_, texts) = read_about(store), read_rows(store)
+    rows = [json.loads(text) for text in texts if text is not None]
+    if len(rows) < len(texts):
+        problem = f"has {len(texts) - len(rows)} touches of Python objects: give the table again"
+        raise UsageError(problem, Path(str(store)), argument="table")
+    labels = dict.fromkeys(name for row in rows for name in row if name not in SETTINGS)
+    folder = Path(about["files_from"])
+    return TouchTable(tuple(rows), tuple(labels), folder, about["name"], about["study"])
+
+
 def _begin(plan: Plan, store: Store) -> Plan:
     """The plan of the data set, of which ``dataset.toml`` is written.
 
@@ -887,7 +904,7 @@ def _begin(plan: Plan, store: Store) -> Plan:
         return _described(plan, store)
     earlier = read_about(store)
     rows, extents = earlier["rows"], earlier["extents"]
-    positions, further = plan.positions_of(read_rows(store))
+    positions, further = plan.positions_of(read_rows(store)[0])
     missing = positions.count(None)
     if earlier["fembridge"] != __version__:
         problem = f"by version {earlier['fembridge']} of fembridge"
@@ -913,7 +930,9 @@ def _described(plan: Plan, store: Store) -> Plan:
     """`plan`, after its rows and ``dataset.toml`` were written."""
     import tomli_w
 
-    write_rows(store, plan.row_digests)  # first: they begin with those that were there
+    write_rows(
+        store, plan.row_digests, plan.table.rows
+    )  # first: they begin with those that were there
     store.write(ABOUT_FILE, tomli_w.dumps(plan.about()).encode())
     return plan
 

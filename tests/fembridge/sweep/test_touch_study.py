@@ -122,6 +122,9 @@ def test_a_row_of_a_csv_is_refused_by_its_line(file):
         ({"draw": {"x_mm": {"log_uniform": [0, 1]}}}, "touches.draw.x_mm"),
         ({"draw": {"x_mm": "each"}}, "touches.draw.x_mm"),
         ({"rows": "touches.txt"}, "touches.rows"),
+        ({"drw": {"count": 2}}, "touches.drw"),
+        ({"draw": {"cont": 2}}, "touches.draw.cont"),
+        ({"product": {"pres_um": [100]}}, "touches.product.pres_um"),
         ({"product": {"x_mm": [0] * 2000, "z_mm": [0] * 2000}}, "touches.product"),
     ],
 )

@@ -528,6 +528,24 @@ def test_a_process_that_was_killed_before_it_described_a_longer_table_changes_no
     ]
 
 
+def test_a_data_set_is_resumed_without_its_table_unless_it_has_python_objects(tmp_path):
+    rows = rows_of(2) + rows_of(1, x_mm=500)
+    data = touch_many(rows, tmp_path / "set", jobs=1, forces_step_ms=5)
+    files = bytes_of(tmp_path / "set")
+    (tmp_path / "set/touches/part-00000.parquet").unlink()
+    again = touch_many(tmp_path / "set", jobs=1)
+    assert bytes_of(tmp_path / "set") == files
+    assert again.failed == data.failed
+    with pytest.raises(UsageError) as refused:
+        touch_many(tmp_path / "set", tmp_path / "other")
+    assert refused.value.argument == "output"
+    rows[0] |= {"population": fb.Population.one_each()}
+    touch_many(rows, tmp_path / "objects", jobs=1)
+    with pytest.raises(UsageError) as refused:
+        touch_many(tmp_path / "objects")
+    assert refused.value.path == tmp_path / "objects"
+
+
 @pytest.mark.parametrize(
     ("labels", "kind"),
     [({"label_a": 1.5}, "float64"), ({"label_a": "b"}, None), ({"label_c": 1}, "int64")],
@@ -654,6 +672,11 @@ def test_the_command_writes_reports_and_verifies(tmp_path, command, capsys, file
     assert (state["done"], state["parts_done"], state["is_running"]) == (2, 1, False)
     assert command("verify", folder, "--percent", "100", "--jobs", "1", "--json") == 0
     assert json.loads(capsys.readouterr().out)["checked"] == [0, 1]
+    (folder / "touches/part-00000.parquet").unlink()
+    assert command("status", folder) == 0
+    assert f"resume {folder}" in capsys.readouterr().out
+    assert command("resume", folder, "--jobs", "1", "--json") == 0
+    assert json.loads(capsys.readouterr().out) == summary
     spikes = folder / "spikes/part-00000.parquet"
     os.truncate(spikes, spikes.stat().st_size - 1)
     assert command("verify", folder, "--percent", "1") == 1
