@@ -29,8 +29,10 @@ extensions = [
     "sphinx_copybutton",
     "formulas",
     "verb_pages",
+    "made_pictures",
 ]
 exclude_patterns = ["_build", "examples", "examples_*"]
+smartquotes = False  # two hyphens begin an option
 suppress_warnings = ["config.cache"]  # the gallery's configuration holds functions
 
 # Pages
