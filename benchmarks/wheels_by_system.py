@@ -1,6 +1,6 @@
-"""Systems on which pip finds a wheel of every dependency: ``python -m benchmarks.wheels_by_system``.
+"""Systems on which pip finds a wheel of every dependency.
 
-pip resolves the dependencies of ``pyproject.toml`` for other systems, with wheels alone and
+``python -m benchmarks.wheels_by_system``: pip resolves the dependencies of ``pyproject.toml`` for other systems, with wheels alone and
 without installing anything; markers are evaluated for the system. It needs a network. Packages
 that stop a system are left out one by one, so that all of them are listed.
 """
@@ -30,9 +30,8 @@ class System(NamedTuple):
 
 
 def _manylinux(machine: str) -> tuple[str, ...]:
-    return tuple(f"manylinux_2_{minor}_{machine}" for minor in range(17, 36)) + (
-        f"manylinux2014_{machine}",
-    )
+    versions = ("2014", *(f"_2_{minor}" for minor in range(17, 36)))
+    return tuple(f"manylinux{version}_{machine}" for version in versions)
 
 
 SYSTEMS = {
