@@ -1,8 +1,9 @@
 """Systems on which pip finds a wheel of every dependency.
 
-``python -m benchmarks.wheels_by_system``: pip resolves the dependencies of ``pyproject.toml`` for other systems, with wheels alone and
-without installing anything; markers are evaluated for the system. It needs a network. Packages
-that stop a system are left out one by one, so that all of them are listed.
+``python -m benchmarks.wheels_by_system``: pip resolves the dependencies of ``pyproject.toml`` for
+other systems, with wheels alone and without installing anything; markers are evaluated for the
+system. It needs a network. Packages that stop a system are left out one by one, so that all of
+them are listed.
 """
 
 import re
