@@ -19,12 +19,20 @@ import shutil
 import stat
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, get_args, get_origin
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    TypeAlias,
+    TypeVar,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from fembridge.errors import (
     FembridgeError,
@@ -404,24 +412,37 @@ def structure(table: object, kind: type[_Value], error: MakeError, section: str 
     Numbers, texts and truth values are not converted: no text becomes a number. An unknown key
     is refused, with similar names. The `key` of the error is the first key at fault.
     """
+    if _has_scalars_only(kind):
+        problem: tuple[tuple[str | int, ...], BaseException]
+        try:
+            return _structure_scalars(table, kind)
+        except _FieldError as field_error:
+            problem = field_error.keys, field_error.cause
+        except (FembridgeError, ValueError) as invalid:
+            problem = (), invalid
+        raise _table_error(*problem, error, section)
+
     from cattrs import BaseValidationError
 
     try:
         return _converter().structure(table, kind)
-    except (BaseValidationError, FembridgeError, ValueError) as problem:
-        failure = _table_error(problem, error, section)
-    raise failure  # without the group of errors of cattrs, whose traceback hides the message
+    except (BaseValidationError, FembridgeError, ValueError) as group:
+        problem = _first_problem(group)
+    # without the group of errors of cattrs, whose traceback hides the message
+    raise _table_error(*problem, error, section)
 
 
 def changed(value: _Value, table: object, error: MakeError) -> _Value:
     """The dataclass `value` with the entries of `table` instead of its own; as `structure`."""
     if not isinstance(table, Mapping):
-        raise _table_error(_KindError(table, "a table"), error, "")
+        raise _table_error((), _KindError(table, "a table"), error, "")
     return structure(_merged(unstructure(value), table), type(value), error)
 
 
 def unstructure(value: object) -> Any:  # noqa: ANN401 - as nested as the value
     """Tables, lists, numbers and texts of a dataclass, for TOML, without None."""
+    if is_dataclass(value) and _has_scalars_only(type(value)):
+        return {field.name: getattr(value, field.name) for field in fields(value)}
     return _without_none(_converter().unstructure(value))
 
 
@@ -494,13 +515,57 @@ class _KindError(ValueError):
         self.value, self.expected = value, expected
 
 
-def _table_error(problem: BaseException, make_error: MakeError, section: str) -> FembridgeError:
-    """Error of the first problem of a table, with its key; an unknown key before all others."""
-    from cattrs import ForbiddenExtraKeysError
+class _UnknownKeyError(ValueError):
+    """A key that is not one of the `names` of a table."""
 
-    problems = list(_problems(problem))
-    unknown = (item for item in problems if isinstance(item[1], ForbiddenExtraKeysError))
-    keys, cause = next(unknown, problems[0])
+    def __init__(self, key: str, names: Sequence[str]) -> None:
+        super().__init__(key, names)
+        self.key, self.names = key, names
+
+
+class _FieldError(Exception):
+    """A problem of a field of a dataclass: its keys and the cause."""
+
+    def __init__(self, keys: tuple[str, ...], cause: Exception) -> None:
+        super().__init__(keys, cause)
+        self.keys, self.cause = keys, cause
+
+
+def _has_scalars_only(kind: type) -> bool:
+    """Whether `kind` is a dataclass of numbers, texts and truth values, which need no cattrs."""
+    if not is_dataclass(kind):
+        return False
+    hints = get_type_hints(kind)
+    return all(field.init and hints[field.name] in _SCALARS for field in fields(kind))
+
+
+def _structure_scalars(table: object, kind: type[_Value]) -> _Value:
+    """Value of a dataclass with `_has_scalars_only`, by the rules of `structure`."""
+    if not isinstance(table, Mapping):
+        raise _KindError(table, "a table")
+    hints, defined = get_type_hints(kind), {field.name: field for field in fields(kind)}  # type: ignore[arg-type] # a dataclass
+    if unknown := sorted(map(str, table.keys() - defined.keys())):
+        raise _UnknownKeyError(unknown[0], list(defined))
+    values: dict[str, object] = {}
+    for name, field in defined.items():
+        if name not in table:
+            if field.default is MISSING and field.default_factory is MISSING:
+                raise _FieldError((name,), KeyError(name))
+            continue
+        value, (types, expected) = table[name], _SCALARS[hints[name]]
+        if not isinstance(value, types) or (isinstance(value, bool) and hints[name] is not bool):
+            raise _FieldError((name,), _KindError(value, expected))
+        try:
+            values[name] = hints[name](value)
+        except OverflowError:
+            raise _FieldError((name,), _KindError(value, f"{expected} below 1e308")) from None
+    return kind(**values)
+
+
+def _table_error(
+    keys: tuple[str | int, ...], cause: BaseException, make_error: MakeError, section: str
+) -> FembridgeError:
+    """Error of the problem `cause` at the `keys` of a table, the `section` of a file."""
     path = "".join(f" {key + 1}" if isinstance(key, int) else f".{key}" for key in keys)
     section = f"{section}{path}".lstrip(". ")
     value: object = None
@@ -509,12 +574,10 @@ def _table_error(problem: BaseException, make_error: MakeError, section: str) ->
         located = FembridgeError.from_error(cause, section=section)
         text, section = located.problem, located.key or ""
         value, expected = located.found, located.expected
-    elif isinstance(cause, ForbiddenExtraKeysError):
-        names = [field.name for field in fields(cause.cl)]
-        unknown_key = min(map(str, cause.extra_fields))
-        section = f"{section}.{unknown_key}".lstrip(".")
-        value, expected = unknown_key, ", ".join(names)
-        text = f"is an unknown key, expected {expected}{near_hint(unknown_key, names)}"
+    elif isinstance(cause, _UnknownKeyError):
+        section = f"{section}.{cause.key}".lstrip(".")
+        value, expected = cause.key, ", ".join(cause.names)
+        text = f"is an unknown key, expected {expected}{near_hint(cause.key, cause.names)}"
     elif isinstance(cause, _KindError):
         value, expected = cause.value, cause.expected
         text = f"{repr(value)[:_LONGEST_SHOWN]}, expected {expected}"
@@ -526,6 +589,18 @@ def _table_error(problem: BaseException, make_error: MakeError, section: str) ->
     error = make_error(text)
     error.key, error.found, error.expected = section or None, value, expected
     return error
+
+
+def _first_problem(group: BaseException) -> tuple[tuple[str | int, ...], BaseException]:
+    """Keys and error of the first problem of a table; an unknown key before all others."""
+    from cattrs import ForbiddenExtraKeysError
+
+    problems = list(_problems(group))
+    for keys, cause in problems:
+        if isinstance(cause, ForbiddenExtraKeysError):
+            names = [field.name for field in fields(cause.cl)]
+            return keys, _UnknownKeyError(min(map(str, cause.extra_fields)), names)
+    return problems[0]
 
 
 def _problems(

@@ -77,6 +77,39 @@ def test_neural_loads_numpy_and_neither_decks_nor_anything_heavier(tmp_path):
     assert_not_loaded(HEAVY | {"decks"}, steps, tmp_path)
 
 
+def test_neural_with_fitted_parameters_needs_numpy_alone(tmp_path):
+    """Where no other package can be imported, as on a robot."""
+    (tmp_path / "mine.toml").write_text('base = "fitted"\n\n[RA]\ncells = 3\n')
+    code = """
+import sys
+import numpy as np
+
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        top = name.partition(".")[0]
+        allowed = {"numpy", "neural", "fembridge", "decks"}
+        if top not in sys.stdlib_module_names and top not in allowed:
+            raise ModuleNotFoundError(name, name=name)
+
+sys.meta_path.insert(0, Blocked())
+
+from pathlib import Path
+from neural import encode_cells, parameter_set
+stress_pa = 1e4 * (1 - np.cos(0.1 * np.pi * np.arange(0, 250, 0.1)))
+for name in ("published", "fitted", "fitted_pad", Path("mine.toml")):
+    parameters = parameter_set(name).parameters
+    print(*(len(encode_cells(stress_pa, 0.1, parameters[afferent])[0]) for afferent in parameters))
+"""
+    done = python(code, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert [line.split() for line in done.stdout.splitlines()] == [
+        ["1"] * 3,
+        ["10"] * 3,
+        ["10"] * 3,
+        ["10", "3", "10"],
+    ]
+
+
 def test_verbs_that_only_tell_something_load_no_numpy(tmp_path):
     told = ["--help", "--version", "stimuli", "stimuli --help", "stimuli sine_20 --json"]
     told += ["doctor --help", "plot --help", "plot mesh --help"]
