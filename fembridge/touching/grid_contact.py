@@ -358,7 +358,7 @@ class _NearNodes:
         self._force = last[: self._force.size]
         return None
 
-    def _risen_mm(self, drag_mm: SingleArray | np.float32, last: SingleArray) -> SingleArray:
+    def _risen_mm(self, drag_mm: SingleArray, last: SingleArray) -> SingleArray:
         """How far each node has risen at most since all were computed, about, ``(n,)``."""
         of_samples = _by_forces(self._force, self._sample_store[0])
         if self._compliance.has_drag:
@@ -440,10 +440,10 @@ class _NearNodes:
         """Compliance of the near nodes, ``(force, node)``."""
         return self._store[0, : self._rows.size, : self._rows.size]
 
-    def _dragged_mm(self, force: SingleArray) -> SingleArray | np.float32:
-        """Displacement of the near nodes by the friction of forces on them; 0 without friction."""
+    def _dragged_mm(self, force: SingleArray) -> SingleArray:
+        """Displacement of the near nodes by the friction of forces on them."""
         if not self._compliance.has_drag:
-            return np.float32(0)
+            return np.zeros(self._rows.size, dtype=np.float32)
         return _by_forces(force, self._store[1, :, : self._rows.size])
 
     def _focus(self) -> None:
