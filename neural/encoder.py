@@ -212,7 +212,8 @@ def _encoded(
         _currents(*readers[name], values, derivative, factors, step)
         for (name, values), factors in zip(class_parameters.items(), stress_factors, strict=True)
     ]
-    parts = []
+    no_spikes = np.zeros(0, np.int64)
+    parts = [(no_spikes, no_spikes)]  # two samples of a finer trace are one sample, without any
     first = 0
     for part_currents in zip(*currents, strict=True):
         rows, membranes = fire(np.concatenate(part_currents, axis=1), membrane, state)
@@ -463,13 +464,13 @@ def _currents(
         begin, end = max(0, first - SAMPLES_AROUND), min(samples, last + 1 + SAMPLES_AROUND)
         for past in pasts:
             past.before, past.count = first - begin, last - first
-        current = _membrane_currents(
+        current = membrane_currents(
             stress_at(begin, end), parameters, derivative, stress_factors, pasts
         )
         yield current[first - begin : last - begin].reshape(last - first, -1)
 
 
-def _membrane_currents(
+def membrane_currents(
     stress: FloatArray,
     parameters: AfferentParameters,
     derivative: str,
