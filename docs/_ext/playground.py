@@ -13,7 +13,7 @@ from sphinx.util.docutils import SphinxDirective
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "playground"))
 
-from playground_page import PAGE, SCRIPT, STYLE, page, script, style  # noqa: E402 - after the path
+from playground_page import PAGE, SCRIPT, STYLE, page, script, style
 
 
 class PlaygroundDirective(SphinxDirective):
@@ -26,7 +26,8 @@ class PlaygroundDirective(SphinxDirective):
             "<p><strong>Try it.</strong> A probe of 1 mm moves on the fingertip: choose how, drag "
             "its curve or draw one, and see the stress in the skin and the spikes of 30 cells.</p>\n"
             f'<link rel="stylesheet" href="{root}_static/{STYLE}">\n'
-            f'<div class="fembridge-playground"><noscript>The playground needs JavaScript.</noscript></div>\n'
+            '<div class="fembridge-playground">'
+            "<noscript>The playground needs JavaScript.</noscript></div>\n"
             f'<script src="{root}_static/{SCRIPT}" defer></script>\n'
             f'<p><a href="{root}{PAGE}">The playground as a page of its own</a>, one file that '
             "works without a network.</p>"
