@@ -23,8 +23,8 @@ class PlaygroundDirective(SphinxDirective):
         """The element, its style and its script."""
         root = "../" * self.env.docname.count("/")
         html = (
-            "<p><strong>Try it.</strong> A probe of 1 mm moves on the fingertip: choose how, drag its "
-            "curve or draw one, and see the stress in the skin and the spikes of 30 cells.</p>\n"
+            "<p><strong>Try it.</strong> A probe of 1 mm moves on the fingertip: choose how, drag "
+            "its curve or draw one, and see stress in the skin and spikes of 30 cells.</p>\n"
             f'<link rel="stylesheet" href="{root}_static/{STYLE}">\n'
             '<div class="fembridge-playground">'
             "<noscript>The playground needs JavaScript.</noscript></div>\n"
