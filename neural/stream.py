@@ -1,17 +1,20 @@
 """Spikes sample by sample: `encode` for a sensor that is still measuring.
 
-A stream keeps what the encoder keeps between two parts of a trace: the states of the recursive
-filters, the membranes, and the last samples. So its spikes are those of `encode_cells` on all
-samples so far, to the last bit, whatever the sizes of the parts.
+A stream runs the loop of `neural.encoder` while the samples arrive, with the same filters and the
+same membranes. So its spikes are those of `encode_cells` on all samples, to the last bit, whatever
+the sizes of the parts. Its state is the last samples, the states of the recursive filters and the
+membranes; it needs NumPy alone.
 
 A spike is reported when no later sample can change it. Models whose filters look back only, as
 those of ``fitted``, report it at the sample at which it is; `Stream.look_ahead_ms` has the delay of
 each class. A sensor that is slower than the time step of the parameters is interpolated, which
-delays by two of its samples.
+delays by up to three of its samples.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import math
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -19,18 +22,26 @@ from numpy.typing import ArrayLike
 
 from fembridge.errors import TraceError, UsageError
 from fembridge.typing import FloatArray
-from neural.encoder import membrane_currents
-from neural.filters import M1, M2, M3, Past, sa_rate
-from neural.lif import Membrane, State, fire
-from neural.models import averaged_level, model_of
+from neural import filters
+from neural.filters import M1, M2, Past
+from neural.lif import Membrane, State, spiking
+from neural.models import AfferentModel, Coefficients, Filter, averaged_level, level, model_of
 from neural.parameter_sets import ParameterSet, parameter_set
-from neural.parameters import AfferentParameters, Parameters, quantiles
+from neural.parameters import AfferentParameters, Parameters, finest_step_ms, quantiles
 from neural.time_step import AFTER, BEFORE, read_at_step, step_ratio
 
-# Samples before and after one that a filter may read, except recursions: the average of SA.
-_AROUND = M1 + M2 + 4
-# Later samples that the averages of the published SA read.
-_AHEAD = {averaged_level: M1, sa_rate: M3}
+# Samples before and after one that a filter reads (backward differences), its recursion apart.
+_REACH: Mapping[Filter, tuple[int, int]] = {
+    level: (0, 0),
+    filters.stress_rate: (1, 0),
+    filters.slow_rate: (1, 0),
+    filters.faded: (0, 0),
+    filters.corpuscle: (0, 0),
+    filters.rate_change: (2, 0),
+    filters.acceleration_change: (3, 0),
+    averaged_level: (M2, M1),
+    filters.sa_rate: (M2, M1),
+}
 
 Samples: TypeAlias = ArrayLike | Mapping[str, ArrayLike]
 """Stress of one signal for all classes, or of each class by name."""
@@ -55,19 +66,25 @@ class Stream:
     ----------
     parameters
         Name of a parameter set (``"fitted"``, ``"published"``), a TOML file, a `ParameterSet`,
-        parameters by class, or those of one class, such as ``PUBLISHED["RA"]``.
+        parameters by class, or those of one class, such as ``PUBLISHED["RA"]``. Default:
+        ``"fitted"``.
     dt_ms
         Time between two samples in ms; a multiple or divisor of the step of the parameters.
+        Default: None, the smallest step of the parameters.
+    afferents
+        Class or classes. Default: None, all.
     channels
-        Number of signals, each of which drives cells of its own. Default: 1.
+        Number of signals, such as the taxels of a skin, each of which drives cells of its own.
+        Default: 1.
     start_ms
         Time of the first sample in ms. Default: 0.
 
     Attributes
     ----------
     look_ahead_ms
-        Delay in ms with which a spike is reported, by class: 0 for ``fitted`` at its own step.
-        `flush` reports the spikes that still wait when the signal ends.
+        Largest delay in ms from a spike to the sample that reports it, by class: 0 for ``fitted``
+        at its own step, 4 ms for SA of ``published``, whose averages look ahead. `flush` reports
+        the spikes that still wait when the signal ends.
     samples
         Number of samples so far.
 
@@ -77,7 +94,7 @@ class Stream:
         A `dt_ms` that does not fit the step of the parameters, or is coarser than that of
         parameters whose equation contains it (``published``).
     UsageError
-        `channels` below 1, or neither the name of a set nor a file.
+        `channels` below 1, an unknown class, or neither the name of a set nor a file.
 
     Examples
     --------
@@ -85,7 +102,7 @@ class Stream:
     >>> from neural import Stream
     >>> stream = Stream("fitted", dt_ms=1.0)
     >>> stream.look_ahead_ms
-    {'SA': 2.0, 'RA': 2.0, 'PC': 2.0}
+    {'SA': 2.9, 'RA': 2.9, 'PC': 2.9}
     >>> times_ms = np.arange(200)
     >>> stress_pa = 5000 * (1 - np.cos(2 * np.pi * times_ms / 50))
     >>> spikes = [spike for sample in stress_pa for spike in stream.step(sample)]
@@ -96,9 +113,10 @@ class Stream:
 
     def __init__(
         self,
-        parameters: str | ParameterSet | Parameters | AfferentParameters,
-        dt_ms: float,
+        parameters: str | ParameterSet | Parameters | AfferentParameters = "fitted",
+        dt_ms: float | None = None,
         *,
+        afferents: str | Sequence[str] | None = None,
         channels: int = 1,
         start_ms: float = 0.0,
     ) -> None:
@@ -108,10 +126,18 @@ class Stream:
             parameters = {parameters.afferent: parameters}
         elif not isinstance(parameters, Mapping):
             parameters = parameter_set(parameters).parameters
-        self.dt_ms, self.channels, self.start_ms = float(dt_ms), channels, float(start_ms)
-        self._parameters = dict(parameters)
+        names = [afferents] if isinstance(afferents, str) else list(afferents or parameters)
+        for name in names:
+            if name not in parameters:
+                expected = f"one of {', '.join(parameters)}"
+                raise UsageError(argument="afferents", found=name, expected=expected)
+        self._parameters = {name: parameters[name] for name in parameters if name in names}
+        step_ms = finest_step_ms(self._parameters)
+        self.dt_ms = step_ms if dt_ms is None else float(dt_ms)
+        self.channels, self.start_ms = channels, float(start_ms)
         self.reset()
-        self.look_ahead_ms = {name: part.look_ahead_ms for name, part in self._classes.items()}
+        delays_ms = {name: group.look_ahead_ms for group in self._groups for name in group.members}
+        self.look_ahead_ms = {name: delays_ms[name] for name in self._parameters}
 
     def __repr__(self) -> str:
         names = ", ".join(self._parameters)
@@ -121,10 +147,11 @@ class Stream:
     def reset(self) -> None:
         """Return to the state before the first sample."""
         self.samples, self._has_ended = 0, False
-        self._classes = {
-            name: _ClassStream(values, self.dt_ms, self.channels)
-            for name, values in self._parameters.items()
-        }
+        alike: dict[tuple[float, int], dict[str, _ClassInput]] = {}
+        for name, values in self._parameters.items():  # in a group all advance by the same samples
+            member = _ClassInput.of(values, self.dt_ms, self.channels)
+            alike.setdefault((values.dt_ms, member.ahead), {})[name] = member
+        self._groups = [_Group(members, self.channels) for members in alike.values()]
 
     def step(self, stress_pa: Samples) -> list[StreamSpike]:
         """Spikes that one more sample completes, by time.
@@ -163,12 +190,7 @@ class Stream:
         After the last sample the stress keeps its value, as in `encode`.
         """
         self._has_ended = True
-        spikes = [
-            spike
-            for name, part in self._classes.items()
-            for spike in part.spikes(name, self.start_ms, is_end=True)
-        ]
-        return sorted(spikes)
+        return self._spikes({}, is_end=True)
 
     def _checked(self, stress_pa: Samples, is_sample: bool) -> dict[str, FloatArray]:
         """Samples ``(T, channel)`` of each class, all finite."""
@@ -195,9 +217,9 @@ class Stream:
         if rows.ndim == 1:
             rows = rows[:, np.newaxis]
         if rows.ndim != 2 or rows.shape[1] != self.channels:
-            one = "a number" if is_sample else "(T,)"
+            single = "a number" if is_sample else "(T,)"
             many = f"({self.channels},)" if is_sample else f"(T, {self.channels})"
-            expected = one if self.channels == 1 else many
+            expected = single if self.channels == 1 else many
             raise TraceError(argument="stress_pa", found=shape, expected=expected)
         if not np.isfinite(rows).all():
             row, channel = np.argwhere(~np.isfinite(rows))[0].tolist()
@@ -207,114 +229,178 @@ class Stream:
         return rows
 
     def _take(self, by_class: dict[str, FloatArray]) -> list[StreamSpike]:
-        spikes = []
-        for name, rows in by_class.items():
-            part = self._classes[name]
-            part.append(rows)
-            spikes += part.spikes(name, self.start_ms, is_end=False)
-        self.samples += len(next(iter(by_class.values()), ()))
-        return sorted(spikes)
+        self.samples += len(next(iter(by_class.values())))
+        return self._spikes(by_class, is_end=False)
+
+    def _spikes(self, by_class: Mapping[str, FloatArray], is_end: bool) -> list[StreamSpike]:
+        return sorted(
+            # The current of row k acts until sample k + 1.
+            StreamSpike(self.start_ms + (row + 1.0) * group.step_ms, name, channel, cell)
+            for group in self._groups
+            for row, (name, channel, cell) in group.spikes(by_class, is_end)
+        )
 
 
 @dataclass(slots=True)
-class _Window:
-    """The last rows of a growing array; row numbers are those of the whole array."""
+class _ClassInput:
+    """From samples to the currents of a class.
 
-    values: FloatArray
-    first: int = 0
+    `samples` are those of the sensor that are still needed, from number `begin` on,
+    ``(n, channel)``; `done` is the number of rows whose currents are computed. A row is a time
+    step of the parameters. `behind` and `ahead` are the reach of the filters in rows.
+    """
+
+    parameters: AfferentParameters
+    model: AfferentModel
+    coefficients: Coefficients
+    finer: int
+    coarser: int
+    behind: int
+    ahead: int
+    samples: FloatArray
+    pasts: list[Past]
+    begin: int = 0
+    done: int = 0
+    dt_ms: float = 0.0
+
+    @classmethod
+    def of(cls, parameters: AfferentParameters, dt_ms: float, channels: int) -> "_ClassInput":
+        """A class before the first sample."""
+        model = model_of(parameters)
+        finer, coarser = step_ratio(parameters, dt_ms)
+        reaches = [_REACH[filter_] for filter_ in model.filters]
+        return cls(
+            parameters=parameters,
+            model=model,
+            coefficients=_cell_coefficients(parameters, model),
+            finer=finer,
+            coarser=coarser,
+            behind=max(behind for behind, _ in reaches),
+            ahead=max(ahead for _, ahead in reaches),
+            samples=np.empty((0, channels)),
+            pasts=[Past() for _ in model.filters],
+            dt_ms=dt_ms,
+        )
 
     @property
-    def end(self) -> int:
-        return self.first + len(self.values)
+    def look_ahead_ms(self) -> float:
+        """Longest time from a spike to the sample that brings it."""
+        if self.finer > 1:
+            return AFTER * self.dt_ms - self.parameters.dt_ms
+        return max(self.ahead - 1, 0) * self.parameters.dt_ms
 
-    def append(self, rows: FloatArray) -> None:
-        self.values = np.concatenate([self.values, rows])
+    def currents(self, more: FloatArray | None, is_end: bool) -> FloatArray | None:
+        """Currents ``(row, membrane, cell, channel)`` that `more` samples complete.
 
-    def read(self, begin: int, end: int) -> FloatArray:
-        return self.values[begin - self.first : end - self.first]
-
-    def forget_before(self, row: int) -> None:
-        dropped = max(0, min(row, self.end) - self.first)
-        self.values, self.first = self.values[dropped:], self.first + dropped
-
-
-@dataclass(slots=True)
-class _ClassStream:
-    """The encoder of one class between two parts of a trace."""
-
-    values: AfferentParameters
-    dt_ms: float
-    channels: int
-    look_ahead_ms: float = field(init=False)
-    _sensor: _Window = field(init=False)
-    _stress: _Window = field(init=False)
-    _pasts: list[Past] = field(init=False)
-    _factors: FloatArray = field(init=False)
-    _membrane: Membrane = field(init=False)
-    _state: State = field(init=False)
-    _ratio: tuple[int, int] = field(init=False)
-    _ahead: int = field(init=False)
-    _done: int = 0
-
-    def __post_init__(self) -> None:
-        model = model_of(self.values)
-        self._ratio = finer, coarser = step_ratio(self.values, self.dt_ms)
-        self._ahead = max(_AHEAD.get(filter_, 0) for filter_ in model.filters)
-        if finer > 1:
-            self.look_ahead_ms = (AFTER - 1) * self.dt_ms + self._ahead * self.values.dt_ms
-        else:
-            self.look_ahead_ms = max(0, self._ahead - 1) * coarser * self.dt_ms
-        self._sensor = _Window(np.empty((0, self.channels)))
-        self._stress = _Window(np.empty((0, self.channels)))
-        self._pasts = [Past() for _ in model.filters]
-        self._factors = np.exp(self.values.spread * quantiles(self.values.cells))
-        self._membrane = model.membrane(self.values.by_name(), self.values.dt_ms)
-        members = 1 + model.two_way
-        self._state = State.at_rest(members * self.values.cells * self.channels)
-
-    def append(self, rows: FloatArray) -> None:
-        self._sensor.append(rows)
-
-    def spikes(self, name: str, start_ms: float, is_end: bool) -> list[StreamSpike]:
-        """Spikes of all rows whose current no later sample changes; of all rows at the end."""
-        finer, coarser = self._ratio
-        count = self._sensor.end
+        None where there are none. The current of the last sample is never computed: it would act
+        after it.
+        """
+        if more is not None:
+            self.samples = np.concatenate([self.samples, more])
+        count = self.begin + len(self.samples)
         if count < 2:
-            return []
-        rows_so_far = (count - 1) * finer // coarser + 1
-        ready = rows_so_far
-        if finer > 1 and not is_end:
-            ready = max(0, (count - AFTER) * finer)
-        read, _ = read_at_step(self._sensor.read, count, self.values, self.dt_ms)
-        if ready > self._stress.end:
-            self._stress.append(read(self._stress.end, ready))
-        # The current of the last sample would act after the trace.
-        last = rows_so_far - 1 if is_end else min(rows_so_far - 1, ready - self._ahead)
-        first, self._done = self._done, max(self._done, last)
-        if last <= first:
-            return []
-        begin, end = max(0, first - _AROUND), min(ready, last + 1 + _AROUND)
-        for past in self._pasts:
-            past.before, past.count = first - begin, last - first
-        stress = self._stress.read(begin, end)
-        currents = membrane_currents(stress, self.values, "backward", self._factors, self._pasts)
-        part = currents[first - begin : last - begin].reshape(last - first, -1)
-        rows, membranes = fire(part, self._membrane, self._state)
-        self._forget(last)
-        channel, cell = membranes % self.channels, membranes // self.channels % self.values.cells
-        times_ms = start_ms + (first + rows + 1.0) * self.values.dt_ms
-        return [
-            StreamSpike(time_ms, name, *place)
-            for time_ms, *place in zip(
-                times_ms.tolist(), channel.tolist(), cell.tolist(), strict=True
-            )
-        ]
-
-    def _forget(self, row: int) -> None:
-        """Drop what no later row needs."""
-        finer, coarser = self._ratio
-        self._stress.forget_before(row - _AROUND)
-        if finer > 1:
-            self._sensor.forget_before(self._stress.end // finer - BEFORE)
+            return None
+        if self.finer > 1:
+            end = ready = (count - (1 if is_end else AFTER)) * self.finer
         else:
-            self._sensor.forget_before(self._stress.end * coarser)
+            arrived = (count - 1) // self.coarser + 1
+            # A current waits for the sample at which its spikes are.
+            ready = arrived - (1 if is_end else max(self.ahead, 1))
+            end = min(arrived, ready + max(self.ahead, 1))
+        if ready <= self.done:
+            return None
+        first = max(0, self.done - self.behind)
+        begin = self.begin
+        read, _ = read_at_step(
+            lambda start, stop: self.samples[start - begin : stop - begin],
+            count,
+            self.parameters,
+            self.dt_ms,
+        )
+        for past in self.pasts:
+            past.before, past.count = self.done - first, ready - self.done
+        filtered = self.model.filtered(
+            read(first, end), self.parameters.dt_ms, "backward", self.pasts
+        )
+        rows = slice(self.done - first, ready - first)
+        current = self.coefficients.current([x[rows, np.newaxis, np.newaxis] for x in filtered])
+        self.done = ready
+        self._discard()
+        return current
+
+    def _discard(self) -> None:
+        """Drop the samples that no later row reads."""
+        row = max(0, self.done - self.behind)
+        needed = row * self.coarser if self.finer == 1 else max(0, row // self.finer - BEFORE + 1)
+        if needed > self.begin:
+            self.samples = self.samples[needed - self.begin :].copy()
+            self.begin = needed
+
+
+def _cell_coefficients(parameters: AfferentParameters, model: AfferentModel) -> Coefficients:
+    """Coefficients of all membranes and cells, arrays ``(membrane, cell, 1)``."""
+    values = parameters.by_name()
+    factors = np.exp(parameters.spread * quantiles(parameters.cells))
+    rows = [
+        [part.scaled_for_cell(factor) for factor in factors]
+        for part in model.membrane_coefficients(values)
+    ]
+    [first, *_] = rows[0]
+
+    def stacked(rows: list[list[ArrayLike]]) -> FloatArray:
+        return np.array(rows, dtype=np.float64)[..., np.newaxis]
+
+    alpha = stacked([[cell.alpha_mv_per_ms for cell in row] for row in rows])
+    halves = first.halves and tuple(
+        stacked([[(cell.halves or ())[term] for cell in row] for row in rows])
+        for term in range(len(first.halves))
+    )
+    return replace(first, alpha_mv_per_ms=alpha, halves=halves)
+
+
+class _Group:
+    """Classes whose rows advance by the same samples, with all their membranes in one array."""
+
+    def __init__(self, members: Mapping[str, _ClassInput], channels: int) -> None:
+        self.members = members
+        parts = list(members.values())
+        self.step_ms, self.look_ahead_ms = parts[0].parameters.dt_ms, parts[0].look_ahead_ms
+        shapes = [(1 + part.model.two_way, part.parameters.cells, channels) for part in parts]
+        sizes = [math.prod(shape) for shape in shapes]
+        membranes = [part.model.membrane(part.parameters.by_name(), self.step_ms) for part in parts]
+        # Class, channel and cell of each membrane.
+        self._labels = [
+            (name, channel, cell)
+            for name, shape in zip(members, shapes, strict=True)
+            for _, cell, channel in np.ndindex(shape)
+        ]
+        self._row = 0
+        self._currents: deque[FloatArray] = deque()
+        # A generator that waits for rows: setting it up takes longer than a row.
+        self._firing = spiking(
+            self._next_currents(), Membrane.joined(membranes, sizes), State.at_rest(sum(sizes))
+        )
+
+    def _next_currents(self) -> Iterator[FloatArray]:
+        while True:
+            yield self._currents.popleft()
+
+    def spikes(
+        self, by_class: Mapping[str, FloatArray], is_end: bool
+    ) -> Iterator[tuple[int, tuple[str, int, int]]]:
+        """Row, and class, channel and cell, of each spike that further samples complete."""
+        currents = [
+            member.currents(by_class.get(name), is_end) for name, member in self.members.items()
+        ]
+        parts = [part.reshape(len(part), -1) for part in currents if part is not None]
+        if not parts:
+            return
+        rows = np.concatenate(parts, axis=1)
+        if not np.isfinite(rows.sum()):
+            raise TraceError("a current that is not finite reached the membrane")
+        first, self._row = self._row, self._row + len(rows)
+        self._currents.extend(rows)
+        for row in range(first, self._row):
+            membranes, _ = next(self._firing)
+            for membrane in membranes.tolist():
+                yield row, self._labels[membrane]
