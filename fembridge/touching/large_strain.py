@@ -36,6 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fembridge.errors import UsageError
+from fembridge.host.progress import advance
 from fembridge.touching.compliance import Compliance
 from fembridge.touching.contact import (
     DEEPEST_UM,
@@ -209,6 +210,12 @@ def press_deep(
     UsageError
         A shape beside the pad, deeper than `DEEPEST_UM` or with more than `STRONGEST_N`.
     """
+    if by_force and level.max() > STRONGEST_N:
+        raise UsageError(
+            argument="press_n",
+            found=float(level.max()),
+            expected=f"at most {DEEPEST_UM:g} um and {STRONGEST_N:g} N",
+        )
     sheet = sheet_of(pad.smooth_pad if isinstance(pad, RidgedPad) else pad)
     nodes = pad.skin_nodes()
     gap_mm = nodes.gaps_mm(shape) - pad.first_touch_mm(shape)
@@ -221,6 +228,7 @@ def press_deep(
     with blas_threads(touch.contact.nodes_at_once):
         for step, pressed in enumerate(level.tolist()):
             forces[step], depth_um[step], loads[step] = touch.press(pressed, by_force=by_force)
+            advance("contact", (step + 1) / level.size)
     return nodes, forces, depth_um, LargeStrain(sheet.pad, loads, depth_um)
 
 
