@@ -28,9 +28,10 @@ extensions = [
     "sphinx_design",
     "sphinx_copybutton",
     "formulas",
+    "playground",
     "verb_pages",
 ]
-exclude_patterns = ["_build", "examples", "examples_*"]
+exclude_patterns = ["_build", "playground", "examples", "examples_*"]
 suppress_warnings = ["config.cache"]  # the gallery's configuration holds functions
 
 # Pages

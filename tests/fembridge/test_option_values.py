@@ -62,8 +62,10 @@ LINES = {
     "plot rates": "rates.csv -o rates.png",
     "plot stimulus": "sine_20_250 -o stimulus.png",
     "plot sensitivity": "rates.csv -o sensitivity.png",
+    "plot all": "run_folder -o pictures",
     "cache": "",
     "doctor": "",
+    "completion": "bash",
 }
 TRACES = "traces.csv --columns time_ms=time_ms,value=von_mises_pa"
 
