@@ -45,7 +45,7 @@ class SensorTable:
     step_ms: float | None
 
     @property
-    def values(self) -> list[str]:
+    def value_names(self) -> list[str]:
         """Names of the value columns."""
         value = self.columns.get("value", [])
         return [value] if isinstance(value, str) else list(value)

@@ -1,10 +1,9 @@
 """The gain of a robot's sensor from one press of known force or depth.
 
 A sensor has no skin: its number has to become the stress that the afferents of a fingertip would
-have under the same press. So the same object is pressed on the fingertip model, with the force or to
-the depth of the press, and the stress of each class below it is divided by the signal of the press.
-Afferents of a class lie at one depth, and their stresses differ: PC, 2 mm deep, has a fiftieth of
-that of SA. So each class has a gain of its own.
+have under the same press. So the same object is pressed on the fingertip model, with the force or
+to the depth of the press, and the stress of each class below it is divided by the signal of the
+press. PC, 2 mm deep, has a fiftieth of the stress of SA, so each class has a gain of its own.
 
 The signal of the press is the largest median of five successive samples minus the signal without
 load, the median of the samples before the press.
@@ -20,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fembridge.errors import ParameterError, TraceError, UsageError
+from fembridge.errors import ParameterError, TraceError, UsageError, warn
 from fembridge.version import __version__
 
 if TYPE_CHECKING:
@@ -37,8 +36,11 @@ CLASSES = ("SA", "RA", "PC")
 _PAD_SET = "fitted_pad"
 _DEEPEST_UM = 2000.0
 _WINDOW = 5
-# Before the signal exceeds this share of its largest change, the sensor has no load.
-_LOADED_SHARE = 0.1
+# Above the first share of its largest change a signal is clearly loaded; the press begins where it
+# leaves its noise, or the second share.
+_LOADED_SHARE, _LEAST_SHARE = 0.1, 0.002
+# A shorter part before the press says little of the noise.
+_LONG_MS = 50.0
 # A press is at least this many times the spread of the signal without load.
 _CLEAR = 5.0
 
@@ -69,8 +71,8 @@ class Calibration:
     --------
     >>> import fembridge as fb
     >>> calibration = fb.Calibration({"SA": 2e4, "RA": 1.5e4, "PC": 400.0}, {"force": 0.5})
-    >>> calibration.stress_pa(1.5)["PC"]
-    array(400.)
+    >>> float(calibration.stress_pa(1.5)["PC"])
+    400.0
     """
 
     gain_pa: Mapping[str, float]
@@ -148,7 +150,9 @@ class Calibration:
             for name in classes:
                 if name not in self.gain_pa:
                     expected = f"one of {', '.join(self.gain_pa)}"
-                    raise UsageError(argument="gain_pa", found=f"no gain of {name}", expected=expected)
+                    raise UsageError(
+                        argument="gain_pa", found=f"no gain of {name}", expected=expected
+                    )
                 traces.append(
                     StressTrace(
                         self.gain_pa[name] * value,
@@ -165,15 +169,28 @@ class Calibration:
     def _offset_of(self, column: str | None) -> float:
         if not self.offset:
             return 0.0
-        if column in self.offset:
+        if column is not None and column in self.offset:
             return self.offset[column]
         if len(self.offset) == 1:
             return next(iter(self.offset.values()))
         expected = f"one of {', '.join(self.offset)}"
-        raise UsageError(argument="column", found=column, expected=f"{expected}, which have offsets")
+        raise UsageError(
+            argument="column", found=column, expected=f"{expected}, which have offsets"
+        )
 
     def write(self, path: str | os.PathLike[str]) -> Path:
-        """Write the calibration as TOML, which `read` and ``encode --calibration`` read."""
+        """Write the calibration as TOML, which `read` and ``encode --calibration`` read.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Returns
+        -------
+        Path
+            The same.
+        """
         from fembridge.host.store import write_toml
 
         table: Table = {"fembridge": __version__}
@@ -186,6 +203,11 @@ class Calibration:
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Calibration:
         """Calibration of a file of `write`, or one written by hand: a table ``gain_pa``.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
 
         Raises
         ------
@@ -269,6 +291,12 @@ def calibrate(
     TraceError
         A signal in which nothing is pressed.
 
+    Warns
+    -----
+    FembridgeWarning
+        The noise of the sensor before the press makes a class fire, or contact reaches the end of
+        the skin.
+
     Examples
     --------
     >>> import numpy as np
@@ -284,13 +312,14 @@ def calibrate(
 
     if (force_n is None) == (depth_um is None):
         found = "both" if force_n is not None else "neither"
-        raise UsageError(argument="force_n", found=found, expected="force_n or depth_um")
+        problem = "or --depth-um (depth_um) is required, and not both"
+        raise UsageError(problem, argument="force_n", found=found, expected="one of both")
     if force_n is not None:
         check_range("force_n", force_n)
     if depth_um is not None and not 0 < depth_um <= _DEEPEST_UM:
         expected = f"a number more than 0, at most {_DEEPEST_UM:g}"
         raise UsageError(argument="depth_um", found=depth_um, expected=expected)
-    changes, offsets = _changes(press, columns)
+    changes, offsets, still = _changes(press, columns)
     pressed = max(changes, key=lambda name: abs(changes[name]))
     change = changes[pressed]
     stress_pa, depth_um, force_n = _stress_under(shape, pad, force_n, depth_um)
@@ -306,14 +335,37 @@ def calibrate(
     if isinstance(press, str | os.PathLike):
         record = {"file": Path(press).name, **record}
     gains = {name: value / change for name, value in stress_pa.items()}
+    _warn_of_noise(*still[pressed], gains)
     return Calibration(gains, offsets, _PAD_SET, record)
+
+
+def _warn_of_noise(noise: FloatArray, dt_ms: float, gains: Mapping[str, float]) -> None:
+    """Warn of classes that the noise of the sensor makes fire."""
+    from neural import encode_cells, mean_rate_ips, parameter_set
+    from neural.time_step import fits_step
+
+    firing = []
+    for name, values in parameter_set(_PAD_SET).parameters.items():
+        if name in gains and noise.size * dt_ms > _LONG_MS and fits_step(values, dt_ms):
+            [cells] = encode_cells(gains[name] * noise, dt_ms, values)
+            rate_ips = mean_rate_ips(cells, (0.0, (noise.size - 1) * dt_ms))
+            if rate_ips >= 1:
+                firing.append(f"{name} {rate_ips:.0f} impulses/s")
+    if firing:
+        warn(
+            f"the noise of the sensor without load fires {', '.join(firing)}: filter the signal "
+            "before it is encoded, or leave the class out"
+        )
 
 
 def _changes(
     press: str | os.PathLike[str] | pandas.DataFrame,
     columns: Mapping[str, str | Sequence[str]] | None,
-) -> tuple[dict[str, float], dict[str, float]]:
-    """Change by the press, and signal without load, of each column."""
+) -> tuple[dict[str, float], dict[str, float], dict[str, tuple[FloatArray, float]]]:
+    """Of each column the change by the press, the signal without load, and its noise.
+
+    The noise is the part before the press minus the offset, ``(T,)``, and its step in ms.
+    """
     from fembridge.io.sensor_table import sensor_table
     from fembridge.io.trace_table import read_traces
 
@@ -321,22 +373,23 @@ def _changes(
     sensor = sensor_table(table, columns, has_gain=True)
     chosen = columns if sensor is None else sensor.columns
     signals = read_traces(table, columns=chosen, gain_pa=1.0, is_sensor=True)
-    names = sensor.values if sensor else []
+    names = sensor.value_names if sensor else []
     names = names or [signal.unit or "value" for signal in signals]
     if len(names) != len(signals):
         found = f"{len(signals)} signals"
         raise UsageError(argument="press", found=found, expected="one press, a row a time")
     changes, offsets, clear = {}, {}, False
+    still: dict[str, tuple[FloatArray, float]] = {}
     for name, signal in zip(names, signals, strict=True):
         values = signal.stress_pa
-        first = np.median(values[: max(_WINDOW, values.size // 50)])
-        size = np.abs(values - first)
-        loaded = np.flatnonzero(size > _LOADED_SHARE * size.max())
-        before = values[: max(_WINDOW, loaded[0] if loaded.size else values.size)]
+        before = values[: _first_loaded(values)]
         offsets[name] = float(np.median(before))
-        medians = np.median(np.lib.stride_tricks.sliding_window_view(values, _WINDOW), axis=1) if (
-            values.size > _WINDOW
-        ) else values
+        still[name] = before - offsets[name], signal.dt_ms
+        medians = (
+            np.median(np.lib.stride_tricks.sliding_window_view(values, _WINDOW), axis=1)
+            if (values.size > _WINDOW)
+            else values
+        )
         rise = medians - offsets[name]
         changes[name] = float(rise[np.abs(rise).argmax()])
         clear |= abs(changes[name]) > _CLEAR * float(np.std(before))
@@ -345,7 +398,21 @@ def _changes(
             "no press: the signal changes by less than five times its spread before the press",
             Path(press) if isinstance(press, str | os.PathLike) else None,
         )
-    return changes, offsets
+    return changes, offsets, still
+
+
+def _first_loaded(values: FloatArray) -> int:
+    """First sample of the press: it leaves the noise of the samples before."""
+    first = np.median(values[: max(_WINDOW, values.size // 50)])
+    size = np.abs(values - first)
+    clearly = np.flatnonzero(size > _LOADED_SHARE * size.max())
+    if not clearly.size:
+        return values.size
+    least = max(
+        _CLEAR * float(np.std(values[: max(_WINDOW, clearly[0] // 2)])),
+        _LEAST_SHARE * float(size.max()),
+    )
+    return max(_WINDOW, int(np.argmax(size > least)))
 
 
 def _stress_under(
@@ -377,7 +444,11 @@ def _stress_under(
     force_n = float(response.force_n[-1]) if force_n is None else float(force_n)
     deepest_pa = response.tensor_pa[-1, :, 0]
     stress_pa = {
-        name: float(np.mean([deepest_pa[k] for k, site in enumerate(response.places) if site.afferent == name]))
+        name: float(
+            np.mean(
+                [deepest_pa[k] for k, site in enumerate(response.places) if site.afferent == name]
+            )
+        )
         for name in response.class_names()
     }
     return stress_pa, float(depth_um), force_n

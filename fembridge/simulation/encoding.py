@@ -438,7 +438,7 @@ def encode_stress(
     gains = _gains(gain_pa, calibration)
     source, sensor = _load_traces(traces, columns, gain_pa, gains, resample_ms)
     if gains is not None:
-        source = gains.to_stress(source, sensor.values if sensor else [], afferents)
+        source = gains.to_stress(source, sensor.value_names if sensor else [], afferents)
         parameters = parameters or (parameter_set(gains.parameters) if gains.parameters else None)
     selected = _select_parameters(source, parameters)
     prepared = _prepare_traces(source, selected.parameters, stimulus, default_name, afferents)
@@ -449,9 +449,9 @@ def encode_stress(
     has_spikes = any(times_ms.size for cells in cells_ms for times_ms in cells)
     if warning := _stress_warning(source, prepared, has_spikes):
         warn(warning)
-    if sensor and sensor.step_ms and any(trace.afferent == "PC" for trace in prepared):
-        if loss := deaf_above(sensor.step_ms):
-            warn(loss)
+    has_pc = any(trace.afferent == "PC" for trace in prepared)
+    if has_pc and sensor and sensor.step_ms and (loss := deaf_above(sensor.step_ms)):
+        warn(loss)
     _report_mismatch(source, selected)
     encoded = Traces(prepared, source.origin, source.windows_ms)
     return Encoding(encoded, selected, cells_ms, window_ms, stimulus, derivative)
@@ -468,7 +468,9 @@ def _gains(
         return Calibration(gain_pa=gain_pa) if isinstance(gain_pa, Mapping) else None
     if gain_pa is not None:
         raise UsageError("has a gain already: leave out gain_pa", argument="calibration")
-    return Calibration.read(calibration) if not isinstance(calibration, Calibration) else calibration
+    return (
+        Calibration.read(calibration) if not isinstance(calibration, Calibration) else calibration
+    )
 
 
 def _load_traces(
@@ -496,14 +498,9 @@ def _load_traces(
             sensor = sensor_table(table, columns, has_gain=factor is not None)
         if sensor is not None and columns is None:
             name = table if isinstance(table, Path) else "the table"
-            time, value = (
-                ", ".join([part] if isinstance(part, str) else part)
-                for part in sensor.columns.values()
-            )
-            _LOGGER.info(
-                f"{name}: time in {time} ({'ms' if 'time_ms' in sensor.columns else 'as named'}), "
-                f"values in {value}; --columns names others"
-            )
+            time = next(iter(sensor.columns.values()))
+            values = ", ".join(sensor.value_names)
+            _LOGGER.info(f"{name}: time in {time}, values in {values}; --columns names others")
         chosen = columns if sensor is None else sensor.columns
         options: dict[str, Any] = {"columns": chosen, "resample_ms": resample_ms}
         options |= {"gain_pa": factor}
