@@ -44,9 +44,12 @@ from fembridge.commands.options import (
 from fembridge.errors import FembridgeError, FembridgeWarning, UsageError
 from fembridge.host import interrupt
 from fembridge.host.interrupt import INTERRUPTED
+from fembridge.host.progress import showing
 from fembridge.host.terminal import (
+    Bars,
     PlainStream,
     PrintError,
+    TaskBars,
     error_line,
     log,
     logged_lines,
@@ -183,6 +186,7 @@ def _run(arguments: list[str]) -> int:
             quiet_terminal() if args.quiet else nullcontext(),
             _printed_warnings() as warned,
             logged_lines(shows=not args.quiet) as logged,
+            _task_bars(command),
         ):
             interrupt.raise_keyboard_interrupt()
             summary = command.run(args)
@@ -203,6 +207,16 @@ def _run(arguments: list[str]) -> int:
     elif following and not args.quiet:
         print("next:", *(f"  {line}" for line in following), sep="\n")
     return code
+
+
+@contextmanager
+def _task_bars(command: ModuleType) -> Iterator[None]:
+    """Show the progress of computations, unless the verb has bars of its own."""
+    if any(isinstance(item, type) and issubclass(item, Bars) for item in vars(command).values()):
+        yield
+        return
+    with TaskBars() as bars, showing(bars):
+        yield
 
 
 @contextmanager

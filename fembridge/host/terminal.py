@@ -225,6 +225,17 @@ class Bars:
             log(line)
 
 
+class TaskBars(Bars):
+    """A bar for each task of a computation, called as `fembridge.host.progress.Show`."""
+
+    def __call__(self, task: str, share: float) -> None:
+        """Move the bar of `task`; take it away when it is done."""
+        if share < 1:
+            self.show(task, share)
+        else:
+            self.remove(task)
+
+
 class SolverBars(Bars):
     """A bar for each run of the solver, called with how far it is."""
 

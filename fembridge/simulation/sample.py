@@ -116,7 +116,7 @@ name = "letters"
 
 [touches]                       # settings of every touch
 population = "grid:step_mm=2"
-press_n = 0.2
+press_um = 250
 ramp_ms = 20
 hold_ms = 100
 
