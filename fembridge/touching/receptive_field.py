@@ -569,9 +569,9 @@ def receptive_field(
         endings_mm=endings_mm,
         sa_von_mises=sa_von_mises,
     )
+    wave = _wave(frequency_hz)
     drive_pa, force_n = probe.drive(population, across, along)
     response = _Response(afferent, class_parameters, population, probe.level_um, drive_pa)
-    wave = _wave(frequency_hz)
     hot = response.hot_spot()
     threshold_um = response.thresholds_um(hot, wave)
     force_there_n = force_n.reshape(len(force_n), -1)[:, hot]
