@@ -345,7 +345,7 @@ def add_export_option(parser: argparse.ArgumentParser) -> None:
         "--export",
         action=Several,
         default=[],
-        choices=("npz", "mat", "nwb", "neo", "sonata"),
+        choices=("npz", "mat", "nwb", "neo", "sonata", "events", "aedat4"),
         help="also write the spikes in formats of other programs (docs/how_to/recording.md)",
     )
 
