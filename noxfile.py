@@ -1,4 +1,11 @@
-"""What CI runs, ``nox -s check`` and ``docs``; the oldest versions we claim, ``nox -s lowest``."""
+"""What CI runs, ``nox -s check`` and ``docs``, and what runs before a release.
+
+``bare`` installs the wheel in each supported Python, ``lowest`` tests the oldest versions of the
+dependencies, and ``release`` checks what is published.
+"""
+
+import shutil
+from pathlib import Path
 
 import nox
 
@@ -17,6 +24,7 @@ LOWEST = (
     "platformdirs==4.2.*",
     "threadpoolctl==3.5.*",
     "jinja2==3.1.*",
+    "shtab==1.7.*",
     "meshio==5.3.5",
     "pygmsh==7.1.17",
     "pymoo==0.6.1.3",
@@ -47,6 +55,40 @@ def wheel(session: nox.Session) -> None:
     folder = session.create_tmp()
     session.run("python", "-m", "build", "--wheel", "--outdir", folder, "--no-isolation")
     session.run("python", "tests/look_inside_wheel.py", folder)
+
+
+@nox.session(python=["3.11", "3.12", "3.13"])
+def bare(session: nox.Session) -> None:
+    """Install the wheel alone, in each supported Python, and run what a newcomer runs."""
+    session.install("build", "hatchling")
+    dist = Path(session.create_tmp()) / "dist"
+    session.run("python", "-m", "build", "--wheel", "--outdir", str(dist), "--no-isolation")
+    session.run("python", "-m", "pip", "uninstall", "-q", "-y", "build", "hatchling")
+    session.install(*map(str, dist.glob("*.whl")))
+    session.cd(session.create_tmp())  # the checkout is not on the path
+    session.run("fembridge", "doctor")
+    session.run("fembridge", "simulate", "--stimulus", "noise_25_250", "--stored", "-o", "out")
+    touch = ("--shape", "braille:text=b", "--press-n", "0.25")
+    session.run("fembridge", "touch", *touch, "-o", "touch_b")
+
+
+@nox.session
+def release(session: nox.Session) -> None:
+    """Build wheel and source twice, compare them, and check their metadata."""
+    tools = ("build", "hatchling", "twine", "check-wheel-contents", "pyroma", "cffconvert")
+    session.install("-c", "constraints.txt", *tools)
+    folders = [Path(session.create_tmp()) / name for name in ("first", "second")]
+    for folder in folders:
+        shutil.rmtree(folder, ignore_errors=True)
+        session.run("python", "-m", "build", "--outdir", str(folder), "--no-isolation")
+    files = sorted(folders[0].iterdir())
+    for file in files:
+        if file.read_bytes() != (folders[1] / file.name).read_bytes():
+            session.error(f"{file.name} differs from build to build")
+    session.run("twine", "check", "--strict", *map(str, files))
+    session.run("check-wheel-contents", str(next(folders[0].glob("*.whl"))))
+    session.run("pyroma", "--min", "10", ".")
+    session.run("cffconvert", "--validate")
 
 
 @nox.session

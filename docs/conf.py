@@ -28,10 +28,11 @@ extensions = [
     "sphinx_design",
     "sphinx_copybutton",
     "formulas",
+    "playground",
     "verb_pages",
     "made_pictures",
 ]
-exclude_patterns = ["_build", "examples", "examples_*"]
+exclude_patterns = ["_build", "playground", "examples", "examples_*"]
 smartquotes = False  # two hyphens begin an option
 suppress_warnings = ["config.cache"]  # the gallery's configuration holds functions
 

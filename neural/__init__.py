@@ -12,6 +12,7 @@ from neural.models import MODELS
 from neural.parameter_sets import ParameterSet, parameter_set
 from neural.parameters import PUBLISHED, AfferentParameters, Parameters
 from neural.rates import mean_rate_ips, rate_ips
+from neural.stream import Stream, StreamSpike
 
 __all__ = [
     "MODELS",
@@ -20,6 +21,8 @@ __all__ = [
     "Agreement",
     "ParameterSet",
     "Parameters",
+    "Stream",
+    "StreamSpike",
     "agreement",
     "encode",
     "encode_afferents",

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError, TraceError
+from fembridge.host.progress import advance
 from fembridge.typing import BoolArray, FloatArray, IntArray
 from neural.compiled import compile_for
 from neural.filters import LEVELS, RISES, Past, checked_stress
@@ -212,7 +213,8 @@ def _encoded(
         _currents(*readers[name], values, derivative, factors, step)
         for (name, values), factors in zip(class_parameters.items(), stress_factors, strict=True)
     ]
-    parts = []
+    no_spikes = np.zeros(0, np.int64)
+    parts = [(no_spikes, no_spikes)]  # two samples of a finer trace are one sample, without any
     first = 0
     for part_currents in zip(*currents, strict=True):
         rows, membranes = fire(np.concatenate(part_currents, axis=1), membrane, state)
@@ -364,7 +366,10 @@ def encode_units(
                 )
                 for block in blocks
             ]
+            done = first / units.size
             for part, part_currents in enumerate(zip(*currents, strict=True)):
+                share = part * step * coarser / (stress.samples * finer)
+                advance(f"spikes of {name}", done + share * batch_units.size / units.size)
                 for block, state, fed in zip(blocks, states, part_currents, strict=True):
                     block_units = batch_units[block]
                     current = np.tile(fed, (1, trials)) if trials > 1 else fed
@@ -377,6 +382,7 @@ def encode_units(
                     parts.append(
                         (block_units[membranes % block_units.size], trial, np.asarray(times_ms))
                     )
+        advance(f"spikes of {name}", 1.0)
     if not parts:
         return UnitSpikes(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
     unit, trial, time_ms = (np.concatenate(columns) for columns in zip(*parts, strict=True))
@@ -463,13 +469,13 @@ def _currents(
         begin, end = max(0, first - SAMPLES_AROUND), min(samples, last + 1 + SAMPLES_AROUND)
         for past in pasts:
             past.before, past.count = first - begin, last - first
-        current = _membrane_currents(
+        current = membrane_currents(
             stress_at(begin, end), parameters, derivative, stress_factors, pasts
         )
         yield current[first - begin : last - begin].reshape(last - first, -1)
 
 
-def _membrane_currents(
+def membrane_currents(
     stress: FloatArray,
     parameters: AfferentParameters,
     derivative: str,

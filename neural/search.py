@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fembridge.errors import ParameterError
+from fembridge.errors import MissingError, ParameterError
 from fembridge.typing import FloatArray
 from neural.fit_problem import FitProblem
 from neural.models import Free
@@ -98,6 +98,8 @@ def search_front(
     ------
     ParameterError
         Fewer evaluations than candidates of a generation.
+    MissingError
+        pymoo is not installed.
     KeyboardInterrupt
         Before the first generation was complete.
     """
@@ -107,7 +109,10 @@ def search_front(
             found=evaluations if population >= 4 else population,
             expected=f"{population} or more" if population >= 4 else "4 or more",
         )
-    from pymoo.algorithms.moo.nsga2 import NSGA2
+    try:
+        from pymoo.algorithms.moo.nsga2 import NSGA2
+    except ImportError as error:  # it has no wheel for Windows on ARM
+        raise MissingError(f"{error}; fitting needs it: pip install pymoo") from error
 
     algorithm = NSGA2(pop_size=population)
     algorithm.setup(_as_pymoo(problem), termination=("n_eval", evaluations), seed=seed)

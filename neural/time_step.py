@@ -24,7 +24,7 @@ from neural.parameters import AfferentParameters
 STEP_TOLERANCE = 1.0e-4
 
 # Samples before and after an interval that determine its polynomial.
-_BEFORE, AFTER = 3, 3
+BEFORE, AFTER = 3, 3
 
 Reader: TypeAlias = Callable[[int, int], FloatArray]
 """Function of a first and an end sample that returns the stress ``(T, ...)``."""
@@ -94,7 +94,7 @@ def _interpolating(read: Reader, samples: int, finer: int) -> Reader:
     def read_finer(first: int, end: int) -> FloatArray:
         """Before the first and after the last sample the stress is that sample's."""
         intervals = np.arange(first // finer, (end - 1) // finer + 1)
-        begin = max(0, int(intervals[0]) - _BEFORE + 1)
+        begin = max(0, int(intervals[0]) - BEFORE + 1)
         stop = min(samples, int(intervals[-1]) + AFTER + 1)
         coarse = read(begin, stop)
         if interpolate := compiled(_interpolate):
@@ -107,7 +107,7 @@ def _interpolating(read: Reader, samples: int, finer: int) -> Reader:
         values = np.repeat(base, finer, axis=0).astype(np.float64, copy=False)
         shape = (len(intervals), finer, *coarse.shape[1:])
         values = values.reshape(shape)
-        for column, offset in enumerate(range(1 - _BEFORE, AFTER + 1)):
+        for column, offset in enumerate(range(1 - BEFORE, AFTER + 1)):
             if offset:
                 rows = np.clip(intervals + offset, 0, samples - 1) - begin
                 # Differences, so that a constant stress stays exactly constant.
@@ -143,7 +143,7 @@ def _interpolate(
 @cache
 def interpolation_weights(finer: int) -> FloatArray:
     """Lagrange weights ``(finer, 6)`` of the samples around each point of an interval."""
-    nodes = np.arange(1 - _BEFORE, AFTER + 1, dtype=np.float64)
+    nodes = np.arange(1 - BEFORE, AFTER + 1, dtype=np.float64)
     points = np.arange(finer) / finer
     weights = np.ones((finer, nodes.size))
     for column, node in enumerate(nodes):

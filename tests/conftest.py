@@ -4,6 +4,7 @@
 test. A person's run tries a part of them and is done in a minute or two.
 """
 
+import importlib.util
 import logging
 import os
 import shlex
@@ -315,3 +316,15 @@ def logged():
     yield handler.lines
     logger.removeHandler(handler)
     logger.setLevel(level)
+
+
+@pytest.fixture(scope="session")
+def chromium():
+    """A headless Chromium, started once; its `open` loads a page."""
+    spec = importlib.util.spec_from_file_location("chromium", ROOT / "tests/chromium.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    if module.find_chromium() is None:
+        pytest.skip("no Chromium")
+    with module.Chromium() as browser:
+        yield browser

@@ -39,6 +39,7 @@ PACKAGES = {
     "platformdirs": ((4, 2), False, "the cache of what was solved"),
     "threadpoolctl": ((3, 5), False, "touches"),
     "jinja2": ((3, 1), False, "report pages"),
+    "shtab": ((1, 7, 1), False, "completion of shells"),
     "matplotlib": ((3, 9), False, "plots"),
     "rich": ((13, 7), False, "progress bars"),
     "meshio": ((5, 3, 5), False, "meshes from other programs"),
@@ -46,6 +47,9 @@ PACKAGES = {
     "pymoo": ((0, 6, 1, 3), False, "fitting parameters"),
 }
 """Each dependency: least version, whether the stored response needs it, its use."""
+
+PACKAGE_NAMES = ("decks", "neural")
+"""Packages of fembridge whose names another distribution may use, too."""
 
 GIB = 1024**3
 ROOM_GIB = 2.0
@@ -121,6 +125,7 @@ def examine(version: str) -> list[Check]:
         check_threads(),
         check_folder(Path.cwd()),
         check_encoding(),
+        check_names(),
     ]
 
 
@@ -219,6 +224,29 @@ def check_encoding() -> Check:
     if encoding.replace("-", "") != "utf8":
         return Check("locale", "note", message, "export LC_ALL=C.UTF-8")
     return Check("locale", "ok", message)
+
+
+def check_names() -> Check:
+    """Whether another distribution also installs a package ``decks`` or ``neural``.
+
+    The names are generic. Whichever is installed last overwrites files of the other.
+    """
+    from importlib.metadata import packages_distributions
+
+    owners = packages_distributions()
+    others = {
+        name: sorted({owner for owner in owners.get(name, ()) if owner.lower() != "fembridge"})
+        for name in PACKAGE_NAMES
+    }
+    if any(others.values()):
+        message = "; ".join(
+            f"{name} is also a package of {', '.join(distributions)}"
+            for name, distributions in others.items()
+            if distributions
+        )
+        remedy = "install fembridge in an environment of its own: python3 -m venv .venv"
+        return Check("names", "note", message, remedy)
+    return Check("names", "ok", f"{', '.join(PACKAGE_NAMES)} are of fembridge alone")
 
 
 def _run(command: list[str], patience_s: float) -> subprocess.CompletedProcess[str]:

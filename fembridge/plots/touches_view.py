@@ -64,12 +64,13 @@ def touches_figure(rates: "pd.DataFrame", column: str, axes: "Panels | None" = N
         panel.plot(mean.index, mean, "o-" if is_curve else "o", **style)
         panel.set_title(afferent, **class_style(afferent))
         panel.set_xlabel(column, fontsize=TEXT_PT)
-        panel.set_ylim(bottom=0)
         if names and len(names) <= MOST_NAMES:
             labels = [shorten_text(name, _NAME_IN) for name in names]
             turn = 90 if max(map(len, labels)) > 2 else 0
             panel.set_xticks(range(len(names)), labels, rotation=turn, fontsize=SMALL_TEXT_PT)
         if column == "touch":
             panel.xaxis.get_major_locator().set_params(integer=True)
+    for panel in np.ravel(panels):  # at the end: a limit stops the scale that the panels share
+        panel.set_ylim(bottom=0)
     np.ravel(panels)[0].set_ylabel("Mean rate (impulses/s)", fontsize=TEXT_PT)
     return figure

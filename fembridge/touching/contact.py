@@ -26,6 +26,7 @@ import numpy as np
 
 from fembridge.errors import UsageError
 from fembridge.host.memory import check_memory
+from fembridge.host.progress import advance
 from fembridge.touching.compliance import Compliance, DenseCompliance, GridCompliance
 from fembridge.touching.grid_contact import GridContactSolver
 from fembridge.touching.pad import Pad, SkinNodes
@@ -57,8 +58,8 @@ _MOST_LEAVE, _MOST_ENTER = 0.35, 1.0
 _FRESH_CHANGES = 2_000
 # Under a force, skin so far from the shape is first taken to be all that touches.
 _FIRST_REACH_MM = 0.25
-# ... of so many steps of a way.
-_TRIED_STEPS = 6
+# ... of so many steps of a way, and that of the largest force.
+_TRIED_STEPS = 3
 # The deepest that superposition of small strains is meant for, and the deepest and the strongest
 # touch with large strain (`fembridge.touching.large_strain`).
 MOST_UM = 2_000.0
@@ -109,6 +110,7 @@ def press_to(
         for step, pressed in enumerate(level.tolist()):
             forces[step], depth_mm = contact.press_by(gap_mm, pressed, by_force=by_force)
             depth_um[step] = max(depth_mm / MM_PER_UM, 0.0) if by_force else pressed
+            advance("contact", (step + 1) / level.size)
     return nodes, forces, depth_um
 
 
@@ -161,7 +163,8 @@ def press_steps(
     """
     all_rows = np.arange(nodes.size)
     if by_force:
-        tried = np.arange(0, level.size, max(1, level.size // _TRIED_STEPS))
+        evenly = np.linspace(0, level.size - 1, _TRIED_STEPS).round().astype(int)
+        tried = np.unique([*evenly, int(level.argmax())])
         reach_mm, above_first_mm = 0.0, _FIRST_REACH_MM
         for step, gap in zip(tried, gaps_at(all_rows, tried), strict=True):
             if level[step] > 0 and np.isfinite(gap).any():
@@ -171,8 +174,37 @@ def press_steps(
                 reach_mm = max(reach_mm, depth_mm)
     else:
         reach_mm = float(level.max()) * MM_PER_UM
-    reached = all_rows[reached_by(reach_mm)]
-    nodes, count = nodes.subset(reached), reached.size
+    while True:
+        steps, deepest_mm = _press_reached(
+            nodes,
+            gaps_at,
+            all_rows[reached_by(reach_mm)],
+            reach_mm,
+            level,
+            by_force,
+            drag,
+            over_time,
+        )
+        if steps is not None:
+            return steps
+        reach_mm = max(1.2 * deepest_mm, 1.5 * reach_mm)  # at none of the tried steps so deep
+
+
+def _press_reached(
+    all_nodes: SkinNodes,
+    gaps_at: GapsAt,
+    reached: IntArray,
+    reach_mm: float,
+    level: FloatArray,
+    by_force: bool,
+    drag: tuple[float, float],
+    over_time: "Callable[[ContactSolver | GridContactSolver], PressBy] | None",
+) -> tuple[PressedSteps | None, float]:
+    """`press_steps` on the nodes that are `reached`, and the depth in mm.
+
+    None where a force presses deeper than `reach_mm`, so that other nodes may touch.
+    """
+    nodes, count = all_nodes.subset(reached), reached.size
     subject = f"contact of {level.size} steps on up to {count} nodes"
     total_n, depth_um = np.empty(level.size), np.array(level, dtype=np.float64)
     parts: list[tuple[IntArray, SingleArray]] = []  # the nodes pressed, and their forces
@@ -184,6 +216,7 @@ def press_steps(
             steps = np.arange(first, min(first + _STEPS_AT_ONCE, level.size))
             forces = np.empty((steps.size, count), dtype=np.float32)
             for step, row, gap in zip(steps, forces, gaps_at(reached, steps), strict=True):
+                advance("contact", int(step) / level.size)
                 force, depth_mm = press_by(
                     gap.astype(np.float64), float(level[step]), by_force=by_force
                 )
@@ -192,11 +225,14 @@ def press_steps(
                     depth_um[step] = depth_mm / MM_PER_UM
                     if not depth_um[step] <= MOST_UM:
                         raise _too_deep(float(level[step]))
+                    if depth_mm > reach_mm and count < all_nodes.size:
+                        return None, depth_mm
             columns = np.flatnonzero(forces.any(axis=0))
             parts.append((columns, forces[:, columns]))
             held_bytes += parts[-1][1].nbytes
             check_memory(2 * held_bytes, subject, UsageError)
     pressed = np.zeros(count, dtype=bool)
+    advance("contact", 1.0)
     for columns, _ in parts:
         pressed[columns] = True
     at = np.cumsum(pressed) - 1
@@ -205,7 +241,7 @@ def press_steps(
     for first in range(0, level.size, _STEPS_AT_ONCE):
         columns, forces = parts.pop(0)
         forces_n[first : first + len(forces), at[columns]] = forces
-    return PressedSteps(nodes.subset(pressed), forces_n, total_n, depth_um)
+    return PressedSteps(nodes.subset(pressed), forces_n, total_n, depth_um), reach_mm
 
 
 def depth_of_force_mm(

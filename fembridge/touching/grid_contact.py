@@ -17,6 +17,8 @@ From one state of a touch to the next, a few hundred nodes in contact are solved
 ever in contact is a small matrix.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from fembridge.errors import UsageError
@@ -55,7 +57,11 @@ _NEAR_TOLERANCE, _NO_FORCE = 0.005, 0.0025
 # Exchanges of few nodes before conjugate gradients take over.
 _MOST_DIRECT = 30
 # A factor is bordered for so many nodes that entered or left, or this share of its nodes.
-_BORDER, _BORDER_SHARE = 8, 0.15
+_BORDER, _BORDER_SHARE, _BORDER_ROOM = 8, 0.25, 0.5
+# Factors and states that are kept.
+_MOST_FACTORS, _MOST_STATES = 24, 128
+# Where states are compared, gaps above this count as it, and one node of so many counts.
+_FAR_MM, _COMPARED = np.float32(0.2), 3
 # Nodes so near to the shape become near nodes; of more than so many only those in contact stay.
 _NEAR_MM, _MOST_NEAR = 0.02, 1_200
 # Nodes that may have come near, from which on the displacements of all are computed.
@@ -247,7 +253,7 @@ class _NearNodes:
         self._counts = int(counts[0]), int(counts[1])
         self._samples = np.unique(self._block, return_index=True)[1]
         # Compliance of near nodes, with room for more, and with friction its displacements:
-        # (node, force), and of the samples (force, sample).
+        # (force, node), and of the samples (force, sample).
         kinds = 2 if compliance.has_drag else 1
         self._store: SingleArray = np.empty((kinds, 0, 0), dtype=np.float32)
         self._sample_store: SingleArray = np.empty((kinds, 0, self._samples.size), dtype=np.float32)
@@ -259,10 +265,10 @@ class _NearNodes:
         self._rows: IntArray = np.zeros(0, dtype=np.int64)
         self._is_far: BoolArray = np.ones(self._compliance.size, dtype=bool)
         self._force = self._moved = empty
-        self._factor = _BorderedFactor()
+        self._factors, self._states = _Factors(), _States()
         # Displacements of all nodes when they were last computed.
         self._all_mm = empty
-        self._limit_mm = self._depth_mm = 0.0
+        self._limit_mm = 0.0
         self.is_loaded = False
 
     def restart(self, forces: SingleArray, moved: SingleArray) -> None:
@@ -293,7 +299,7 @@ class _NearNodes:
         last, most, depth = np.zeros_like(self._force), _FIRST_ENTRIES, 0.0
         for _ in range(_FIRST_ROUNDS if self._compliance.has_drag else 1):
             for _ in range(_MOST_DIRECT):
-                drag_mm = self._drag @ last if self._compliance.has_drag else np.float32(0)
+                drag_mm = self._dragged_mm(last)
                 near_gap = gap[self._rows] + drag_mm
                 solved = self._exchange(near_gap, possible[self._rows], force_n, _FIRST_MOST)
                 if solved is None:
@@ -328,7 +334,7 @@ class _NearNodes:
             self._focus()
         last = self._force.copy()
         for _ in range(_MOST_DIRECT):
-            drag_mm = self._drag @ last if self._compliance.has_drag else np.float32(0)
+            drag_mm = self._dragged_mm(last)
             near_gap = gap[self._rows] + drag_mm
             depth = self._exchange(near_gap, possible[self._rows], force_n)
             if depth is None:
@@ -346,18 +352,17 @@ class _NearNodes:
             moved = self._entries[-rows.size :] @ self._force
             self._moved = np.append(self._moved, moved)
             if self._compliance.has_drag:
-                moved = moved + self._drag[-rows.size :] @ last
+                moved = moved + self._dragged_mm(last)[-rows.size :]
             if (moved + gap[rows] >= depth - self._limit_mm).all():
                 return depth
         self._force = last[: self._force.size]
         return None
 
-    def _risen_mm(self, drag_mm: SingleArray | np.float32, last: SingleArray) -> SingleArray:
+    def _risen_mm(self, drag_mm: SingleArray, last: SingleArray) -> SingleArray:
         """How far each node has risen at most since all were computed, about, ``(n,)``."""
-        count = self._rows.size
-        of_samples = self._force @ self._sample_store[0, :count]
+        of_samples = _by_forces(self._force, self._sample_store[0])
         if self._compliance.has_drag:
-            of_samples += last @ self._sample_store[1, :count]
+            of_samples += _by_forces(last, self._sample_store[1])
         risen = np.zeros(self._counts, dtype=np.float32)
         risen.flat[self._block[self._samples]] = self._all_mm[self._samples] - of_samples
         of_near = self._all_mm[self._rows] - (self._moved + drag_mm)
@@ -378,32 +383,26 @@ class _NearNodes:
         """Solve the near nodes; their depth, None if more than `most` touch, or none."""
         force, own_mm = self._force, self._compliance.own_mm
         active = possible & (force > 0)
-        if self._moved.size == force.size:
-            # As if each node moved by itself: those where an edge of the shape has come or gone.
-            pushed_n = force - (self._moved + gap - np.float32(self._depth_mm)) / own_mm
-            predicted = possible & (pushed_n > self._limit_mm / own_mm * (force <= 0))
-            active = predicted if predicted.any() else active
+        if alike := self._states.nearest(gap):
+            count = alike.force_n.size  # nodes that came near since then are as they were last
+            predicted = possible[:count] & alike.predicted(gap[:count], own_mm)
+            if predicted.any():
+                active[:count] = predicted
         for _ in range(_MOST_DIRECT):
             rows = np.flatnonzero(active)
             if not 0 < rows.size <= most:
                 return None
-            solved = self._factor.solve(self._entries, rows, gap, force_n)
+            solved = self._factors.solve(self._entries, rows, gap, force_n)
             if solved is None:
                 return None
-            in_contact, depth = solved
-            force[:] = 0.0
-            force[rows] = in_contact
-            if 3 * rows.size < force.size:
-                self._moved = in_contact @ self._entries[rows]
-            else:
-                self._moved = self._entries @ force
-            mean_n = (float(in_contact.sum()) if force_n is None else force_n) / rows.size
+            force[:], self._moved, depth = solved
+            mean_n = (float(force.sum()) if force_n is None else force_n) / rows.size
             self._limit_mm = _NEAR_TOLERANCE * own_mm * max(mean_n, 1e-9)
             leaving = force < -_NO_FORCE * mean_n
             inside = possible & ~active & (self._moved + gap < depth - self._limit_mm)
             if not (leaving.any() or inside.any()):
                 np.maximum(force, 0.0, out=force)
-                self._depth_mm = depth
+                self._states.keep(gap, _State(force.copy(), self._moved, depth, self._limit_mm))
                 return depth
             active = (active & (force > 0)) | inside
         return None
@@ -418,8 +417,8 @@ class _NearNodes:
         if compliance.has_drag:
             pairs.append((compliance.drag_entries_mm, self._store[1], self._sample_store[1]))
         for entries_mm, table, of_samples in pairs:
-            table[first:end, :end] = entries_mm(rows, self._rows)
-            table[:first, first:end] = entries_mm(self._rows[:first], rows)
+            table[:end, first:end] = entries_mm(rows, self._rows).T
+            table[first:end, :first] = entries_mm(self._rows[:first], rows).T
             of_samples[first:end] = entries_mm(self._samples, rows).T
         none = np.zeros(rows.size, dtype=np.float32)
         self._force = np.concatenate([self._force, none])
@@ -438,13 +437,14 @@ class _NearNodes:
 
     @property
     def _entries(self) -> SingleArray:
-        """Compliance of the near nodes, ``(node, force)``."""
+        """Compliance of the near nodes, ``(force, node)``."""
         return self._store[0, : self._rows.size, : self._rows.size]
 
-    @property
-    def _drag(self) -> SingleArray:
-        """Displacement of the near nodes by the friction of others, ``(node, force)``."""
-        return self._store[1, : self._rows.size, : self._rows.size]
+    def _dragged_mm(self, force: SingleArray) -> SingleArray:
+        """Displacement of the near nodes by the friction of forces on them."""
+        if not self._compliance.has_drag:
+            return np.zeros(self._rows.size, dtype=np.float32)
+        return _by_forces(force, self._store[1, :, : self._rows.size])
 
     def _focus(self) -> None:
         """Let all nodes go that are not in contact."""
@@ -469,11 +469,69 @@ class _NearNodes:
         return moved if by_drag is None else moved + by_drag
 
 
+def _by_forces(force: SingleArray, entries: SingleArray) -> SingleArray:
+    """Sum of the rows of `entries` by the forces, most of which are 0."""
+    (rows,) = force.nonzero()
+    return force[rows] @ entries[rows]
+
+
 def _least(rows: IntArray, values: SingleArray, most: int) -> IntArray:
     """Those `rows` whose `values` are least, `most` at most."""
     if rows.size <= most:
         return rows
     return rows[np.argpartition(values[rows], most)[:most]]
+
+
+class _Factors:
+    """Factors of the compliance of sets of near nodes, of which the nearest set is bordered.
+
+    A texture that repeats meets the skin in sets of nodes that it met a period before.
+    """
+
+    def __init__(self) -> None:
+        self._factors: list[_BorderedFactor] = []
+        self._is_known: BoolArray = np.zeros((_MOST_FACTORS, 0), dtype=bool)
+        self._next = 0
+
+    def solve(
+        self, entries: SingleArray, rows: IntArray, gap: SingleArray, force_n: float | None
+    ) -> tuple[SingleArray, SingleArray, float] | None:
+        """Forces of all nodes that take `rows` to the shape, displacements, and the depth.
+
+        `entries` is the compliance of all near nodes, ``(force, node)``. None if that of `rows` is
+        not positive. The depth is 0 where no force is prescribed.
+        """
+        if further := len(entries) - self._is_known.shape[1]:
+            none = np.zeros((_MOST_FACTORS, further), dtype=bool)
+            self._is_known = np.hstack([self._is_known, none])
+        is_active = np.zeros(len(entries), dtype=bool)
+        is_active[rows] = True
+        if self._factors:
+            differs = self._is_known[: len(self._factors)] != is_active
+            nearest = int(np.count_nonzero(differs, axis=1).argmin())
+            factor, changed = self._factors[nearest], np.flatnonzero(differs[nearest])
+            if factor.takes(changed, len(entries)):
+                return factor.solve(entries, changed, gap, force_n)
+        return self._another(entries, rows, gap, force_n)
+
+    def _another(
+        self, entries: SingleArray, rows: IntArray, gap: SingleArray, force_n: float | None
+    ) -> tuple[SingleArray, SingleArray, float] | None:
+        from scipy.linalg.lapack import spotrf
+
+        across = entries[rows]
+        triangle, problem = spotrf(across[:, rows].T, lower=1, overwrite_a=1)
+        if problem:
+            return None
+        factor = _BorderedFactor(triangle, across, rows)
+        if len(self._factors) < _MOST_FACTORS:
+            self._factors.append(factor)
+        else:
+            self._factors[self._next] = factor
+        self._is_known[self._next] = False
+        self._is_known[self._next, rows] = True
+        self._next = (self._next + 1) % _MOST_FACTORS
+        return factor.solve(entries, rows[:0], gap, force_n)
 
 
 class _BorderedFactor:
@@ -483,66 +541,149 @@ class _BorderedFactor:
 
         C f + J y = b,   J' f + D y = c
 
-    J has the columns of nodes that entered, and a unit vector for each that left.
+    J has the columns of nodes that entered, and a unit vector for each that left. The columns of
+    C^-1 J and of J' C^-1 J - D are kept for each node that ever entered or left, so that a further
+    exchange costs what it adds.
     """
 
-    def __init__(self) -> None:
-        self._rows: IntArray = np.zeros(0, dtype=np.int64)
-        self._factor: SingleArray = np.zeros((0, 0), dtype=np.float32)
+    def __init__(self, triangle: SingleArray, across: SingleArray, rows: IntArray) -> None:
+        count = across.shape[1]
+        self._triangle, self._across, self._rows = triangle, across, rows
+        self._is_known: BoolArray = np.zeros(count, dtype=bool)
+        self._is_known[rows] = True
+        self._place = np.full(count, -1)  # in `rows`
+        self._place[rows] = np.arange(rows.size)
+        self._column = np.full(count, -1)  # of a node that entered or left
+        room = max(_BORDER, int(_BORDER_ROOM * rows.size))
+        self._solved: SingleArray = np.empty((rows.size, room), dtype=np.float32, order="F")
+        self._corner: SingleArray = np.empty((room, room), dtype=np.float32)
+        self._count = 0
+
+    def takes(self, changed: IntArray, count: int) -> bool:
+        """Whether bordering for nodes that `changed`, of `count`, costs less than a factor."""
+        if further := count - self._is_known.size:
+            self._is_known = np.append(self._is_known, np.zeros(further, dtype=bool))
+            self._place = np.append(self._place, np.full(further, -1))
+            self._column = np.append(self._column, np.full(further, -1))
+        added = int((self._column[changed] < 0).sum())
+        return (
+            changed.size <= max(_BORDER, _BORDER_SHARE * self._rows.size)
+            and self._count + added <= self._solved.shape[1]
+        )
 
     def solve(
-        self, entries: SingleArray, rows: IntArray, gap: SingleArray, force_n: float | None
-    ) -> tuple[SingleArray, float] | None:
-        """Forces on `rows` that take them to the shape, and the depth; None if not positive.
+        self, entries: SingleArray, changed: IntArray, gap: SingleArray, force_n: float | None
+    ) -> tuple[SingleArray, SingleArray, float]:
+        """Forces and displacements as those of `_Factors`, with the border of `changed`."""
+        from scipy.linalg.lapack import sgesv, spotrs
 
-        The depth is 0 where no force is prescribed.
-        """
-        from scipy.linalg.lapack import spotrf, spotrs
-
-        number = np.full(len(entries), -1)
-        number[rows] = np.arange(rows.size)
-        known = self._rows
-        stays = number[known] >= 0
-        left = np.flatnonzero(~stays)
-        is_entering = np.ones(rows.size, dtype=bool)
-        is_entering[number[known[stays]]] = False
-        entering = rows[is_entering]
-        border = entering.size + left.size
-        if border > max(_BORDER, _BORDER_SHARE * known.size) or not known.size:
-            self._factor, problem = spotrf(entries[rows][:, rows].T, lower=1, overwrite_a=1)
-            if problem:
-                self._rows = rows[:0]
-                return None
-            known = self._rows = rows
-            border = 0
+        rows, reach = self._rows, self._across.shape[1]
+        if reach < len(entries):
+            self._across = np.hstack([self._across, entries[rows, reach:]])
         columns = 1 if force_n is None else 2
-        right = np.zeros((known.size, columns + border), dtype=np.float32, order="F")
-        if columns == 2:
-            right[:, 1] = 1.0
-        right[:, 0] = -gap[known]
-        if border:
-            last = columns + entering.size
-            right[:, columns:last] = entries[entering][:, known].T
-            right[left, last + np.arange(left.size)] = 1.0
-            beside = right[:, columns:].copy()
-        solution, _ = spotrs(self._factor, right, lower=1, overwrite_b=1)
-        found = solution[:, :columns]
-        if border:
-            further = np.zeros((border, columns), dtype=np.float32)
-            further[: entering.size, 1:] = 1.0
-            further[: entering.size, 0] = -gap[entering]
-            corner = beside.T @ solution[:, columns:]
-            corner[: entering.size, : entering.size] -= entries[entering][:, entering]
-            y = np.linalg.solve(corner, beside.T @ found - further)
-            bordered = found - solution[:, columns:] @ y
-            found = np.empty((rows.size, columns), dtype=np.float32)
-            found[number[known[stays]]] = bordered[stays]
-            found[is_entering] = y[: entering.size]
-        if force_n is None:
-            return found[:, 0], 0.0
-        of_gap, of_depth = found.sum(axis=0, dtype=np.float64)
-        depth = float((force_n - of_gap) / of_depth)
-        return found[:, 0] + np.float32(depth) * found[:, 1], depth
+        right = np.ones((rows.size, columns), dtype=np.float32, order="F")
+        right[:, 0] = -gap[rows]
+        solved, _ = spotrs(self._triangle, right, lower=1, overwrite_b=1)
+        forces = np.zeros((columns, len(entries)), dtype=np.float32)
+        entering = changed
+        if changed.size:
+            self._border(entries, changed[self._column[changed] < 0])
+            column, has_entered = self._column[changed], ~self._is_known[changed]
+            entering, left = changed[has_entered], self._place[changed[~has_entered]]
+            beyond = np.empty((changed.size, columns), dtype=np.float32)
+            beyond[has_entered] = self._across[:, entering].T @ solved
+            beyond[has_entered, 0] += gap[entering]
+            beyond[has_entered, 1:] -= np.float32(1)
+            beyond[~has_entered] = solved[left]
+            _, _, further_n, _ = sgesv(self._corner[column][:, column], beyond)
+            solved -= self._solved[:, column] @ further_n
+            solved[left] = 0.0
+            forces[:, entering] = further_n[has_entered].T
+        forces[:, rows] = solved.T
+        depth = 0.0
+        if force_n is not None:
+            of_gap, of_depth = forces.sum(axis=1, dtype=np.float64)
+            depth = float((force_n - of_gap) / of_depth)
+            forces[0] += np.float32(depth) * forces[1]
+        force = forces[0]
+        moved: SingleArray = force[rows] @ self._across
+        if entering.size:
+            moved += force[entering] @ entries[entering]
+        return force, moved, depth
+
+    def _border(self, entries: SingleArray, added: IntArray) -> None:
+        """Take further nodes that entered or left into the border."""
+        from scipy.linalg.lapack import spotrs
+
+        if not added.size:
+            return
+        first, end = self._count, self._count + added.size
+        has_entered = ~self._is_known[added]
+        entering, left = added[has_entered], self._place[added[~has_entered]]
+        columns = np.zeros((self._rows.size, added.size), dtype=np.float32, order="F")
+        columns[:, has_entered] = self._across[:, entering]
+        columns[left, np.flatnonzero(~has_entered)] = 1.0
+        self._solved[:, first:end], _ = spotrs(self._triangle, columns, lower=1)
+        self._column[added] = np.arange(first, end)
+        corner = columns.T @ self._solved[:, :end]
+        earlier = np.flatnonzero((self._column >= 0) & ~self._is_known)
+        corner[np.ix_(has_entered, self._column[earlier])] -= entries[entering][:, earlier]
+        self._corner[first:end, :end] = corner
+        self._corner[:first, first:end] = corner[:, :first].T
+        self._count = end
+
+
+class _States:
+    """States of the near nodes that were solved, to begin the next from the one most like it."""
+
+    def __init__(self) -> None:
+        self._gap: SingleArray = np.zeros((_MOST_STATES, 0), dtype=np.float32)
+        self._solved: list[_State] = []
+        self._next = 0
+
+    def keep(self, gap: SingleArray, state: "_State") -> None:
+        """Keep a state under the gaps of the near nodes."""
+        gap = self._compared(gap)
+        if further := gap.size - self._gap.shape[1]:
+            far = np.full((_MOST_STATES, further), _FAR_MM, dtype=np.float32)
+            self._gap = np.hstack([self._gap, far])
+        if len(self._solved) < _MOST_STATES:
+            self._solved.append(state)
+        else:
+            self._solved[self._next] = state
+        self._gap[self._next] = gap
+        self._next = (self._next + 1) % _MOST_STATES
+
+    def nearest(self, gap: SingleArray) -> "_State | None":
+        """The state whose gaps differ least, in sum of absolute differences."""
+        if not self._solved:
+            return None
+        gap = self._compared(gap)[: self._gap.shape[1]]
+        differs = np.abs(self._gap[: len(self._solved)] - gap).sum(axis=1)
+        return self._solved[int(differs.argmin())]
+
+    def _compared(self, gap: SingleArray) -> SingleArray:
+        some: SingleArray = np.minimum(gap[::_COMPARED], _FAR_MM)
+        return some
+
+
+class _State(NamedTuple):
+    """Forces and displacements of the near nodes, ``(node,)``, depth, and tolerance in mm."""
+
+    force_n: SingleArray
+    moved_mm: SingleArray
+    depth_mm: float
+    limit_mm: float
+
+    def predicted(self, gap: SingleArray, own_mm: float) -> BoolArray:
+        """Nodes in contact at other gaps ``(node,)``, as if each moved by itself.
+
+        That finds the nodes where an edge of the shape has come or gone.
+        """
+        away_mm = self.moved_mm + gap - np.float32(self.depth_mm)
+        pushed_n = self.force_n - away_mm / own_mm
+        predicted: BoolArray = pushed_n > self.limit_mm / own_mm * (self.force_n <= 0)
+        return predicted
 
 
 class _Blocks:

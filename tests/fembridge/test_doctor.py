@@ -17,6 +17,7 @@ from fembridge.host.machine import (
     check_ccx,
     check_folder,
     check_gmsh,
+    check_names,
     check_package,
     find_ccx,
 )
@@ -142,3 +143,13 @@ def test_a_folder_is_tried_and_left_as_it_was(tmp_path, monkeypatch):
     gone = check_folder(tmp_path / "gone")
     assert gone.state == "note"
     assert "No such file" in gone.finding
+
+
+def test_a_distribution_with_a_package_of_the_same_name_is_named(monkeypatch):
+    assert check_names().state == "ok"
+    owners = {"neural": ["fembridge", "neural"], "decks": ["fembridge"], "numpy": ["numpy"]}
+    monkeypatch.setattr(importlib.metadata, "packages_distributions", lambda: owners)
+    check = check_names()
+    assert check.state == "note"
+    assert "neural is also a package of neural" in check.finding
+    assert "decks" not in check.finding

@@ -255,3 +255,10 @@ def test_what_does_not_fit_is_refused():
         assert (caught.value.argument, caught.value.found) == (argument, found)
     with pytest.raises(ParameterError):
         encode_units(WAVE_PA[:, None], ["SA"], 0.5, FITTED, noise_mv=1.0)
+
+
+def test_two_samples_of_a_finer_trace_are_too_short_for_a_spike():
+    """They are one sample at the step of the parameters."""
+    parameters = parameter_set("fitted").parameters["RA"]
+    [cells] = encode_cells([0.0, 1e6], 0.05, parameters)
+    assert [times.size for times in cells] == [0] * parameters.cells

@@ -1,11 +1,12 @@
 """The search, which candidate is taken, and predictions of groups that were left out."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from fembridge.errors import ParameterError
+from fembridge.errors import MissingError, ParameterError
 from neural.fit_problem import FitProblem
 from neural.models import Free, model_named
 from neural.search import (
@@ -269,3 +270,10 @@ def test_a_search_that_cannot_be_is_refused(argument, value):
     with pytest.raises(ParameterError) as caught:
         choose(problem, front_of(problem, EVERY), "best")
     assert (caught.value.argument, caught.value.found) == ("rule", "best")
+
+
+def test_without_pymoo_a_search_names_it(monkeypatch):
+    """Windows on ARM has no wheel of it."""
+    monkeypatch.setitem(sys.modules, "pymoo.algorithms.moo.nsga2", None)
+    with pytest.raises(MissingError, match="pip install pymoo"):
+        search_front(PROBLEM, seed=3, **SMALL)

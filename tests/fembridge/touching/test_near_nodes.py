@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from fembridge.touching import grid_contact
 from fembridge.touching.contact import ContactSolver, blas_threads
 from fembridge.touching.contact_history import solve_contact
-from fembridge.touching.grid_contact import _BorderedFactor
+from fembridge.touching.grid_contact import _Factors
 from fembridge.touching.pad_file import resolve_pad
 from fembridge.touching.ridged_pad import with_ridges
 from fembridge.touching.shape import Shape
@@ -16,22 +16,33 @@ from fembridge.touching.trajectory import Trajectory
 RIDGED = with_ridges(resolve_pad("reference"), "loop")
 
 
+@pytest.mark.parametrize("most_factors", [1, 24])
 @pytest.mark.parametrize("force_n", [None, 0.7])
-def test_a_bordered_factor_solves_the_system_of_the_nodes_in_contact(force_n):
+def test_bordered_factors_solve_the_system_of_the_nodes_in_contact(
+    force_n, most_factors, monkeypatch
+):
+    monkeypatch.setattr(grid_contact, "_MOST_FACTORS", most_factors)
     rng = np.random.default_rng(3)
-    root = rng.normal(size=(120, 120))
-    entries = (root @ root.T + 60 * np.eye(120)).astype(np.float32)
-    factor = _BorderedFactor()
-    rows = np.sort(rng.permutation(120)[:80])
-    for exchanged in (0, 1, 3, 4, 30, 2):  # few border the factor, thirty make it anew
-        leaving = rng.permutation(rows)[:exchanged]
-        entering = rng.permutation(np.setdiff1d(np.arange(120), rows))[:exchanged]
-        rows = np.union1d(np.setdiff1d(rows, leaving), entering)
-        gap = rng.normal(size=120).astype(np.float32)
-        found, depth = factor.solve(entries, rows, gap, force_n)
+    root = rng.normal(size=(140, 140))
+    entries = (root @ root.T + 60 * np.eye(140)).astype(np.float32)
+    factors = _Factors()
+    first = rows = np.sort(rng.permutation(120)[:80])
+    # Few border a factor, thirty make another; nodes come near; a set comes again.
+    for near, exchanged in [(120, n) for n in (0, 1, 3, 4, 30, 2)] + [(140, 5), (140, None)]:
+        if exchanged is None:
+            rows = first
+        else:
+            leaving = rng.permutation(rows)[:exchanged]
+            entering = rng.permutation(np.setdiff1d(np.arange(near), rows))[:exchanged]
+            rows = np.union1d(np.setdiff1d(rows, leaving), entering)
+        gap = rng.normal(size=near).astype(np.float32)
+        found, moved, depth = factors.solve(entries[:near, :near], rows, gap, force_n)
         matrix = entries[np.ix_(rows, rows)].astype(np.float64)
-        expected = np.linalg.solve(matrix, depth - gap[rows])
+        expected = np.zeros(near)
+        expected[rows] = np.linalg.solve(matrix, depth - gap[rows])
         assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
+        assert_allclose(moved[rows], depth - gap[rows], atol=1e-4 * np.abs(moved).max())
+        assert_allclose(moved, entries[:near, :near] @ expected, atol=1e-4 * np.abs(moved).max())
         if force_n is None:
             assert depth == 0.0
         else:
@@ -97,6 +108,18 @@ def test_no_node_is_inside_the_shape_at_any_step(shape, slide, most_near, monkey
         assert force_n.min() >= 0
         assert away_mm.min() > -0.06 * own_mm  # the table is within 0.2 % of the operator
         assert np.abs(away_mm[force_n > 0.01 * force_n.max()]).max() < 0.06 * own_mm
+
+
+def test_a_force_that_presses_deeper_between_the_tried_steps_reaches_further_nodes():
+    """A ball slides off the middle of the finger by steps that are not tried first."""
+    way_mm = np.interp(np.arange(61), [0, 15, 45, 60], [0.0, 4.0, -4.0, 0.0])
+    still = np.zeros(61)
+    slide = Trajectory(force_n=np.full(61, 0.1), x_mm=way_mm, z_mm=still)
+    found = solve_contact(RIDGED, Shape.sphere(4.0), slide, 0.0)
+    assert_allclose(found.total_n, 0.1, rtol=1e-4)
+    alone = Trajectory(force_n=np.full(2, 0.1), x_mm=np.full(2, 4.0), z_mm=np.zeros(2))
+    expected = solve_contact(RIDGED, Shape.sphere(4.0), alone, 0.0)
+    assert_allclose(found.depth_um[found.position == 15.0], expected.depth_um[:1], rtol=2e-3)
 
 
 def test_contact_comes_and_goes_and_leaves_nothing_behind():

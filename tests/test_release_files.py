@@ -1,0 +1,65 @@
+"""Files of a release that no other test reads: they parse, and name what the project has."""
+
+import json
+import re
+import shlex
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from fembridge.host.machine import SOLVER_INSTALL_LINE
+from fembridge.version import __version__
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+DOCKERFILE = (ROOT / "Dockerfile").read_text(encoding="utf-8")
+WORKFLOW = (ROOT / ".github/workflows/ci.yml").read_text(encoding="utf-8")
+LIBRARIES = set(SOLVER_INSTALL_LINE.split()[3:])
+
+
+def test_the_citation_has_the_version_and_the_address_of_the_project():
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(r"^version: (\S+)$", text, flags=re.MULTILINE)[1] == __version__
+    address = re.search(r"^repository-code: (\S+)$", text, flags=re.MULTILINE)[1]
+    assert address == PROJECT["urls"]["Homepage"]
+
+
+def test_the_classifiers_are_the_versions_of_python_that_are_tested():
+    declared = {
+        match[1]
+        for line in PROJECT["classifiers"]
+        if (match := re.fullmatch(r"Programming Language :: Python :: (3\.\d+)", line))
+    }
+    bare = re.search(r"@nox.session\(python=\[(.*)\]\)", (ROOT / "noxfile.py").read_text())[1]
+    assert declared == set(re.findall(r"3\.\d+", bare))
+    assert f">={min(declared, key=lambda text: int(text[2:]))}" == PROJECT["requires-python"]
+
+
+@pytest.mark.parametrize("file", ["Dockerfile", ".devcontainer/devcontainer.json"])
+def test_containers_install_the_solver_and_what_the_mesher_opens(file):
+    assert set((ROOT / file).read_text(encoding="utf-8").split()) >= LIBRARIES - {"libgomp1"}
+    assert "libgomp1" in (ROOT / file).read_text(encoding="utf-8")
+
+
+def test_the_image_copies_existing_files_that_its_context_holds():
+    ignored = (ROOT / ".dockerignore").read_text(encoding="utf-8").split()
+    assert ignored[0] == "*"
+    for line in re.findall(r"^COPY (.*)$", DOCKERFILE, flags=re.MULTILINE):
+        for name in shlex.split(line)[:-1]:
+            assert (ROOT / name).exists()
+            assert f"!{name}" in ignored
+
+
+def test_the_development_container_is_valid_json():
+    container = json.loads((ROOT / ".devcontainer/devcontainer.json").read_text(encoding="utf-8"))
+    assert "-c constraints.txt" in container["postCreateCommand"]
+
+
+def test_the_workflow_runs_existing_sessions_and_names_no_secret():
+    assert "secrets." not in WORKFLOW
+    sessions = set(re.findall(r"^def (\w+)\(session", (ROOT / "noxfile.py").read_text(), re.M))
+    named = set(re.findall(r"nox -s (\w+)", WORKFLOW))
+    assert named
+    assert named <= sessions
+    assert (ROOT / ".ci/run").exists()
