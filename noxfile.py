@@ -24,6 +24,7 @@ LOWEST = (
     "platformdirs==4.2.*",
     "threadpoolctl==3.5.*",
     "jinja2==3.1.*",
+    "shtab==1.7.*",
     "meshio==5.3.5",
     "pygmsh==7.1.17",
     "pymoo==0.6.1.3",

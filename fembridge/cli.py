@@ -4,12 +4,13 @@ A verb is a module of ``fembridge.commands`` with a docstring, an ``EXAMPLE`` an
 ``add_arguments(parser)`` and ``run(args) -> summary``; its ``USES`` list options that take effect
 in some cases only. Only the requested verb is imported, so ``fembridge --help`` starts fast.
 
-A verb prints text for people. ``--json`` prints its summary instead, a dict, as strict JSON: a
-number that is not finite becomes null, and ``warnings`` and ``exit_code`` are added. A verb whose
-work is only partly successful sets ``exit_code`` in the summary. An error is one line on stderr,
-and with ``--json`` also ``{"error": {"kind", "message", "path", "line", "argument", "found",
-"expected"}, "exit_code"}`` with the fields that the error has; an argument of a public function
-is named as the option of the verb.
+A verb prints text for people, and last the command that follows (`commands.next_steps`);
+``--quiet`` prints warnings and errors only. ``--json`` prints its summary instead, a dict, as
+strict JSON: a number that is not finite becomes null, and ``warnings``, ``next`` and
+``exit_code`` are added. A verb whose work is only partly successful sets ``exit_code`` in the
+summary. An error is one line on stderr, and with ``--json`` also ``{"error": {"kind", "message",
+"path", "line", "argument", "found", "expected"}, "exit_code"}`` with the fields that the error
+has; an argument of a public function is named as the option of the verb.
 
 ``outputs.md`` beside the verbs describes the files of each verb and the columns of each table;
 ``--help-outputs`` prints the section of a verb. A name in angle brackets is a placeholder for
@@ -32,6 +33,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn
 
+from fembridge.commands.next_steps import next_commands
 from fembridge.commands.options import (
     RepeatedOption,
     check_uses,
@@ -42,7 +44,17 @@ from fembridge.commands.options import (
 from fembridge.errors import FembridgeError, FembridgeWarning, UsageError
 from fembridge.host import interrupt
 from fembridge.host.interrupt import INTERRUPTED
-from fembridge.host.terminal import PlainStream, PrintError, error_line, log, logged_lines
+from fembridge.host.progress import showing
+from fembridge.host.terminal import (
+    Bars,
+    PlainStream,
+    PrintError,
+    TaskBars,
+    error_line,
+    log,
+    logged_lines,
+    quiet_terminal,
+)
 from fembridge.version import __version__
 
 _GROUPS: Mapping[str, Mapping[str, str]] = {
@@ -62,6 +74,7 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
         "ingest": "read stress traces from the results of a solver",
         "export-script": "print a script that exports traces inside Mentat or Abaqus",
         "encode": "turn stress traces into spikes and firing rates",
+        "calibrate": "find the gain of a robot's sensor from one press",
         "export-c": "write the encoder as one C header, for microcontrollers",
     },
     "parameters and evidence": {
@@ -80,7 +93,28 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
         "pad": "make the pad file of your own finger, for touch and receptive-field",
         "cache": "list or clear the results of earlier solver runs",
         "doctor": "list what is installed and what is missing",
+        "completion": "print the completion of a shell: bash, zsh, fish or tcsh",
     },
+}
+# What a newcomer of each kind runs first, without data of his own: purpose and command.
+FIRST_HOUR: Mapping[str, Sequence[tuple[str, str]]] = {
+    "You study touch": (
+        (
+            "spikes, rates and a raster under band-pass noise",
+            "fembridge simulate --stimulus noise_25_250 -o out",
+        ),
+        (
+            "every afferent of a fingertip that reads the letter b",
+            "fembridge touch --shape braille:text=b --press-n 0.25 -o touch_b",
+        ),
+    ),
+    "You own a finger model": (
+        ("results of CalculiX, to read and encode without a solver", "fembridge sample frd"),
+        ("a deck, to check and to drive as your own", "fembridge sample deck"),
+    ),
+    "You build robot skin": (
+        ("a pressure signal, to turn into spikes", "fembridge sample pressure"),
+    ),
 }
 VERBS = {verb: line for group in _GROUPS.values() for verb, line in group.items()}
 
@@ -128,12 +162,14 @@ def _run(arguments: list[str]) -> int:
     parser = None
     try:
         parser, command = _parser(arguments)
-        args = parser.parse_args(arguments)
+        rewrite = getattr(command, "spelled_out", list)
+        args = parser.parse_args(rewrite(arguments))
         if command is None:
-            parser.print_help()
+            print(_first_hour_text())
             return 0
         args.explicit = _explicit_options(arguments, parser)
         args.command_line = shlex.join(["fembridge", *arguments])
+        args.complete_parser = complete_parser
         check_uses(args, getattr(command, "USES", ()))
     except SystemExit as stop:  # argparse: help, version
         return stop.code if isinstance(stop.code, int) else 0
@@ -145,10 +181,13 @@ def _run(arguments: list[str]) -> int:
         problem = "the current folder does not exist any more: change to another one (cd)"
         return _report_error(error, 1, as_json, problem)
     try:
+        hides = args.json or (args.quiet and not getattr(command, "PRINTS_ITS_RESULT", False))
         with (
-            redirect_stdout(StringIO()) if args.json else nullcontext(),
+            redirect_stdout(StringIO()) if hides else nullcontext(),
+            quiet_terminal() if args.quiet else nullcontext(),
             _printed_warnings() as warned,
-            logged_lines() as logged,
+            logged_lines(shows=not args.quiet) as logged,
+            _task_bars(command),
         ):
             interrupt.raise_keyboard_interrupt()
             summary = command.run(args)
@@ -161,10 +200,24 @@ def _run(arguments: list[str]) -> int:
             raise
         return _report_error(error, _code_of(error, arguments), as_json, parser=parser)
     code = int(summary.get("exit_code", 0))
+    following = next_commands(args.verb, args, summary)
     if args.json:
         notes = [*summary.get("notes", ()), *logged]
-        _print_json({**summary, "notes": notes, "warnings": warned, "exit_code": code})
+        more = {"notes": notes, "warnings": warned, "next": following, "exit_code": code}
+        _print_json({**summary, **more})
+    elif following and not args.quiet:
+        print("next:", *(f"  {line}" for line in following), sep="\n")
     return code
+
+
+@contextmanager
+def _task_bars(command: ModuleType) -> Iterator[None]:
+    """Show the progress of computations, unless the verb has bars of its own."""
+    if any(isinstance(item, type) and issubclass(item, Bars) for item in vars(command).values()):
+        yield
+        return
+    with TaskBars() as bars, showing(bars):
+        yield
 
 
 @contextmanager
@@ -375,6 +428,28 @@ def _explicit_options(arguments: Sequence[str], parser: argparse.ArgumentParser)
 
 
 def _parser(arguments: Sequence[str]) -> tuple[argparse.ArgumentParser, ModuleType | None]:
+    parser, verbs = _parser_without_verbs()
+    verb = next((argument for argument in arguments if not argument.startswith("-")), None)
+    if verb is None:
+        return parser, None
+    if verb not in VERBS:
+        from difflib import get_close_matches
+
+        similar = " or ".join(get_close_matches(verb, VERBS, n=2, cutoff=0.5))
+        hint = f"did you mean {similar}?" if similar else f"choose {', '.join(VERBS)}"
+        raise UsageError(f"no verb {verb!r}; {hint}", found=verb, expected=", ".join(VERBS))
+    return parser, _add_verb(verbs, verb)
+
+
+def complete_parser() -> argparse.ArgumentParser:
+    """Parser with all verbs, for the completion of a shell."""
+    parser, verbs = _parser_without_verbs()
+    for verb in VERBS:
+        _add_verb(verbs, verb)
+    return parser
+
+
+def _parser_without_verbs() -> "tuple[_Parser, argparse._SubParsersAction[_Parser]]":
     parser = _Parser(
         prog="fembridge",
         usage="%(prog)s [--version] VERB ...",
@@ -388,19 +463,16 @@ def _parser(arguments: Sequence[str]) -> tuple[argparse.ArgumentParser, ModuleTy
     verbs = parser.add_subparsers(
         dest="verb", metavar="VERB", help="one of the above", prog="fembridge"
     )
-    verb = next((argument for argument in arguments if not argument.startswith("-")), None)
-    if verb is None:
-        return parser, None
-    if verb not in VERBS:
-        from difflib import get_close_matches
+    return parser, verbs
 
-        similar = " or ".join(get_close_matches(verb, VERBS, n=2, cutoff=0.5))
-        hint = f"did you mean {similar}?" if similar else f"choose {', '.join(VERBS)}"
-        raise UsageError(f"no verb {verb!r}; {hint}", found=verb, expected=", ".join(VERBS))
+
+def _add_verb(verbs: "argparse._SubParsersAction[_Parser]", verb: str) -> ModuleType:
+    """Add the parser of `verb`; its module."""
     command = import_module(f"fembridge.commands.{verb.replace('-', '_')}")
     summary, _, details = (command.__doc__ or "").partition("\n\n")
     child = verbs.add_parser(
         verb,
+        help=VERBS[verb],
         description=summary,
         epilog="\n\n".join(filter(None, [details.strip(), f"example: {command.EXAMPLE}"])),
         formatter_class=_HelpFormatter,
@@ -408,13 +480,24 @@ def _parser(arguments: Sequence[str]) -> tuple[argparse.ArgumentParser, ModuleTy
     )
     command.add_arguments(child)
     child.add_argument("--json", action="store_true", help="print a JSON summary for programs")
+    child.add_argument("--quiet", action="store_true", help="print errors and warnings only")
     child.add_argument(
         "--help-outputs",
         action=_HelpOutputs,
         verb=verb,
         help="list the files of this verb and the columns of its tables",
     )
-    return parser, command
+    return command
+
+
+def _first_hour_text() -> str:
+    """The commands of the first hour by kind of user, then all verbs."""
+    kinds = [
+        "\n".join([kind, *(f"  {text}:\n    {command}" for text, command in rows)])
+        for kind, rows in FIRST_HOUR.items()
+    ]
+    end = "fembridge VERB --help describes a verb"
+    return "\n\n".join(["The first hour", *kinds, "All verbs", _verbs_text(), end])
 
 
 def _verbs_text() -> str:

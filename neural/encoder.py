@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fembridge.errors import ParameterError, TraceError
+from fembridge.host.progress import advance
 from fembridge.typing import BoolArray, FloatArray, IntArray
 from neural.compiled import compile_for
 from neural.filters import LEVELS, RISES, Past, checked_stress
@@ -365,7 +366,10 @@ def encode_units(
                 )
                 for block in blocks
             ]
+            done = first / units.size
             for part, part_currents in enumerate(zip(*currents, strict=True)):
+                share = part * step * coarser / (stress.samples * finer)
+                advance(f"spikes of {name}", done + share * batch_units.size / units.size)
                 for block, state, fed in zip(blocks, states, part_currents, strict=True):
                     block_units = batch_units[block]
                     current = np.tile(fed, (1, trials)) if trials > 1 else fed
@@ -378,6 +382,7 @@ def encode_units(
                     parts.append(
                         (block_units[membranes % block_units.size], trial, np.asarray(times_ms))
                     )
+        advance(f"spikes of {name}", 1.0)
     if not parts:
         return UnitSpikes(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
     unit, trial, time_ms = (np.concatenate(columns) for columns in zip(*parts, strict=True))

@@ -14,6 +14,8 @@ from fembridge.commands.options import NUMBERS, Several
 
 EXAMPLE = "fembridge export-c --sensor-ms 1 -o afferents.h"
 
+PRINTS_ITS_RESULT = True  # a text, which --quiet leaves
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of the verb."""

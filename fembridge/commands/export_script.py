@@ -13,6 +13,8 @@ from typing import Any
 
 EXAMPLE = "fembridge export-script > export.py"
 
+PRINTS_ITS_RESULT = True  # a text, which --quiet leaves
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands."""

@@ -444,6 +444,7 @@ def _traces(args: argparse.Namespace, result: "Result") -> Written:
         "units": list(dict.fromkeys(history.units)),
         "axis": history.axis,
         "dt_ms": history.dt_ms,
+        "resample_ms": history.resample_ms if plain and history.uneven else None,
         "start_ms": float(history.at[0]) if history.over_time else None,
         "samples": int(history.at.size),
         "traces": [

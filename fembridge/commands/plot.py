@@ -1,10 +1,13 @@
-"""Draw a picture of a model, a response, or what came out of a run.
+"""Draw a picture of a model, a response or the results of a run; of a folder all its pictures.
 
-Each picture is made for a page of a journal and saved in the format that its
-suffix names: .png, .pdf, .svg and others that Matplotlib knows.
+`fembridge plot out` draws every picture that the files in the folder out allow. Each picture is
+made for a page of a journal and saved in the format that its suffix names: .png, .pdf, .svg and
+others that Matplotlib knows.
 """
 
 import argparse
+from collections.abc import Iterator, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +20,7 @@ from fembridge.commands.options import (
     add_probe_options,
     parse_window,
 )
-from fembridge.errors import UsageError
+from fembridge.errors import FembridgeError, UsageError
 from fembridge.host.terminal import log
 
 if TYPE_CHECKING:
@@ -154,6 +157,42 @@ _PICTURES: dict[str, tuple[str, str, _Options]] = {
     ),
 }  # fmt: skip
 
+_QUIET = ("--quiet", "print errors and warnings only")
+ALL = "all"
+_ALL_SHOWS = "every picture that the files of a folder allow; the word all may be left out"
+# Records of results that draw themselves: class, and its pictures (none: its only one).
+_RESULTS = {
+    "touch.toml": ("fembridge.touching.touch_result:Touch", "fembridge.touching.touch_result"),
+    "thresholds.toml": ("fembridge.fitting.thresholds:Thresholds", ""),
+    "fitted.toml": ("fembridge.fitting.fit:Fit", ""),
+    "receptive_field.toml": (
+        "fembridge.touching.receptive_field:ReceptiveField",
+        "fembridge.touching.receptive_field",
+    ),
+    "deflection.toml": ("fembridge.reporting.deflect:Deflections", ""),
+}
+# Pictures of tables, by the files of which one has to be there.
+_OF_FILES = {
+    "raster": ("spikes.csv",),
+    "psth": ("spikes.csv",),
+    "isi": ("spikes.csv",),
+    "rates": ("rates.csv", "results.csv"),
+    "trace": ("traces.npz", "traces.csv", "stress.npz"),
+    "response": ("response.toml",),
+    "mesh": ("finger.toml",),
+    "sensitivity": ("results.csv",),
+}
+
+
+def spelled_out(arguments: Sequence[str]) -> list[str]:
+    """Arguments with the picture ``all`` where a folder comes first: ``plot out``."""
+    words = list(arguments)
+    at = words.index("plot") + 1
+    place = next((k for k in range(at, len(words)) if not words[k].startswith("-")), None)
+    if place is not None and words[place] not in {ALL, *_PICTURES} and Path(words[place]).is_dir():
+        words.insert(at, ALL)
+    return words
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands: a picture, then its own options."""
@@ -178,12 +217,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             help=f"its suffix chooses the format (default: {name}.png)",
         )
         # The verb has it too; unset here, so as not to undo it there.
-        picture.add_argument(
-            "--json",
-            action="store_true",
-            default=argparse.SUPPRESS,
-            help="print a summary a program can read",
-        )
+        for option, text in (("--json", "print a summary a program can read"), _QUIET):
+            picture.add_argument(option, action="store_true", default=argparse.SUPPRESS, help=text)
         if name == "mesh":
             from fembridge.simulation.simulate import simulate
 
@@ -191,6 +226,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             add_probe_options(picture)
         for option, help_text, settings in options:
             picture.add_argument(option, help=help_text, **settings)
+    folder = pictures.add_parser(
+        ALL,
+        help=_ALL_SHOWS,
+        description=f"{_ALL_SHOWS[0].upper()}{_ALL_SHOWS[1:]}.",
+        epilog="example: fembridge plot out",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    folder.add_argument("folder", type=Path, metavar="DIR", help="folder of any verb")
+    folder.add_argument(
+        "-o", "--output", type=Path, metavar="DIR", help="folder of the pictures (default: DIR)"
+    )
+    folder.add_argument("--suffix", default=".png", metavar=".png", help="format (default: .png)")
+    for option, text in (("--json", "print a summary a program can read"), _QUIET):
+        folder.add_argument(option, action="store_true", default=argparse.SUPPRESS, help=text)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -198,6 +248,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from fembridge.plots.finger_mesh import MESH_DPI
     from fembridge.plots.style import DPI, check_suffix, save_figure
 
+    if args.picture == ALL:
+        return _all(args)
     check_suffix(args.output)
     figure, summary = {
         "mesh": _mesh,
@@ -210,6 +262,66 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     save_figure(figure, args.output, MESH_DPI if args.picture == "mesh" else DPI)
     print(args.output)
     return {"picture": args.picture, "file": args.output, **summary}
+
+
+def _all(args: argparse.Namespace) -> dict[str, Any]:
+    """Draw all that a folder allows; what cannot be drawn is logged with its reason."""
+    from fembridge.errors import ResultError
+    from fembridge.plots.style import check_suffix, save_figure
+    from fembridge.simulation.folder import stimuli_in
+
+    folder: Path = args.folder
+    if not folder.is_dir():
+        raise UsageError("no such folder", folder, argument="folder")
+    output: Path = args.output or folder
+    check_suffix(output / f"picture{args.suffix}")
+    files, reasons = [], {}
+    for name, figure in _result_figures(folder):
+        file = output / f"{name}{args.suffix}"
+        save_figure(figure, file)
+        files.append(file)
+    if not files:
+        parser = argparse.ArgumentParser()
+        add_arguments(parser)
+        for name, sources in _OF_FILES.items():
+            source = next((folder / file for file in sources if (folder / file).is_file()), None)
+            if source is None:
+                continue
+            file = output / f"{name}{args.suffix}"
+            table = ["--finger", str(source)] if name == "mesh" else [str(folder)]
+            if name == "trace" and len(stimuli := stimuli_in(folder).stimuli) > 1:
+                table += ["--stimulus", stimuli[-1].id]
+                log(f"trace: of {stimuli[-1].id}, the last of {len(stimuli)} stimuli")
+            words = parser.parse_args([name, *table, "-o", str(file)])
+            words.explicit = frozenset()
+            try:
+                run(words)
+            except FembridgeError as error:
+                reasons[name] = " ".join(str(error).split())
+                continue
+            files.append(file)
+    else:
+        print(*files, sep="\n")
+    for name, reason in reasons.items():
+        log(f"{name} is not drawn: {reason}")
+    if not files:
+        raise ResultError("has no file that a picture is made of", folder)
+    return {"picture": ALL, "files": files, "not_drawn": reasons}
+
+
+def _result_figures(folder: Path) -> Iterator[tuple[str, "Figure"]]:
+    """Name and figure of each picture of the result that a record in `folder` names."""
+    for record, (place, pictures_of) in _RESULTS.items():
+        if not (folder / record).is_file():
+            continue
+        module, _, name = place.partition(":")
+        result = getattr(import_module(module), name).read(folder)
+        if not pictures_of:
+            yield Path(record).stem, result.plot()
+            return
+        for kind in import_module(pictures_of).PICTURES:
+            yield kind, result.plot(kind)
+        return
 
 
 def _mesh(args: argparse.Namespace) -> "Drawn":

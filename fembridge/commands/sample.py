@@ -39,10 +39,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.name is None:
         rows = [(name, item.contents) for name, item in SAMPLES.items()]
         print_table(("name", "contents"), rows, text_columns=2)
-        print("next:\n  fembridge sample frd")
-        return {"samples": dict(rows)}
+        return {"samples": dict(rows), "next": [EXAMPLE]}
     file = sample(args.name, args.output)
     commands = [line.format(file=shlex.quote(str(file))) for line in SAMPLES[args.name].commands]
     print(f"{file}: {SAMPLES[args.name].contents}")
-    print("next:", *(f"  {line}" for line in commands), sep="\n")
     return {"output": args.output, "file": file, "next": commands}

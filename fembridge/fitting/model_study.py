@@ -23,6 +23,7 @@ from fembridge.fitting.fit import FitSettings, Search
 from fembridge.fitting.problem import checked_model, fit_problem
 from fembridge.fitting.response_source import response_source
 from fembridge.host.executor import executor_of, finished
+from fembridge.host.progress import advance
 from fembridge.host.store import check_output, filling, read_toml, write_text, write_toml
 from fembridge.io.formatting import markdown
 from fembridge.io.observed_rates import ObservedRates, read_observed
@@ -430,6 +431,7 @@ def study_models(
             for case, trials in finished(submit, deque(cases), jobs):
                 trials_by_case[case] = trials.result()
                 on_case(trials_by_case[case])
+                advance("fits", len(trials_by_case) / len(cases))
     except KeyboardInterrupt:
         if not trials_by_case:
             raise

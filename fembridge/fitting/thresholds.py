@@ -21,6 +21,7 @@ import numpy as np
 from fembridge.errors import ResultError, UsageError
 from fembridge.evidence import CRITERIA, HIGHEST_HZ, LOWEST_HZ, THRESHOLDS, published, read_evidence
 from fembridge.fitting.response_source import response_source
+from fembridge.host.progress import advance
 from fembridge.host.store import check_output, filling, read_toml, write_toml
 from fembridge.io.number import parse_number
 from fembridge.io.text_table import read_table, write_table
@@ -399,7 +400,8 @@ def class_thresholds(
                 expected=f"{LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz",
             )
     rows = []
-    for frequency_hz in frequencies_hz:
+    for number, frequency_hz in enumerate(frequencies_hz):
+        advance(f"thresholds of {parameters.afferent}", number / len(frequencies_hz))
         ranked_um = _ranked_thresholds(response, parameters, frequency_hz, preindent_um)
         for criterion, (lowest_um, *middle_um, highest_um) in zip(CRITERIA, ranked_um, strict=True):
             median_um = float(np.mean(middle_um))
@@ -413,6 +415,7 @@ def class_thresholds(
                     highest_um,
                 )
             )
+    advance(f"thresholds of {parameters.afferent}", 1.0)
     frame = pandas.DataFrame(rows, columns=[*COLUMNS, *RANGE_COLUMNS])
     frame = frame.replace(math.inf, math.nan)
     if response.force_n.size:

@@ -39,6 +39,7 @@ PACKAGES = {
     "platformdirs": ((4, 2), False, "the cache of what was solved"),
     "threadpoolctl": ((3, 5), False, "touches"),
     "jinja2": ((3, 1), False, "report pages"),
+    "shtab": ((1, 7, 1), False, "completion of shells"),
     "matplotlib": ((3, 9), False, "plots"),
     "rich": ((13, 7), False, "progress bars"),
     "meshio": ((5, 3, 5), False, "meshes from other programs"),

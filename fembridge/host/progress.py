@@ -1,6 +1,12 @@
-"""Progress of a solver run, as its monitor reports it; imports nothing heavy."""
+"""Progress of a solver run and of long computations; imports nothing heavy.
 
-from collections.abc import Callable
+A computation that may take seconds calls `advance`; whoever wants to show it, as the command line
+does, names a function by `showing`. Without one `advance` does nothing.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,3 +44,26 @@ class Progress:
 
 OnProgress = Callable[[Progress], None]
 """Called with the progress of a run, from the thread that runs it."""
+
+
+Show = Callable[[str, float], None]
+"""Called with the name of a task and its finished share, 0 to 1."""
+
+_show: ContextVar[Show | None] = ContextVar("show", default=None)
+
+
+def advance(task: str, share: float) -> None:
+    """Report that `share` of `task`, 0 to 1, is done."""
+    show = _show.get()
+    if show is not None:
+        show(task, share)
+
+
+@contextmanager
+def showing(show: Show) -> Iterator[None]:
+    """Pass the progress of all tasks in the block to `show`."""
+    token = _show.set(show)
+    try:
+        yield
+    finally:
+        _show.reset(token)

@@ -77,24 +77,43 @@ def print_table(
         print(f"... {len(rows) + 1 - len(lines)} more in {rest}")
 
 
-class _LineHandler(logging.Handler):
-    """Prints each record as a line on stderr and keeps it."""
+_is_quiet = False
 
-    def __init__(self) -> None:
+
+@contextmanager
+def quiet_terminal() -> Iterator[None]:
+    """Show no bars of progress in the block."""
+    global _is_quiet
+    before, _is_quiet = _is_quiet, True
+    try:
+        yield
+    finally:
+        _is_quiet = before
+
+
+class _LineHandler(logging.Handler):
+    """Keeps each record as a line, and prints it on stderr if it `shows`."""
+
+    def __init__(self, shows: bool) -> None:
         super().__init__(logging.INFO)
+        self.shows = shows
         self.lines: list[str] = []
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print the record's message."""
         line = record.getMessage()
         self.lines.append(line)
-        log(line)
+        if self.shows or record.levelno >= logging.WARNING:
+            log(line)
 
 
 @contextmanager
-def logged_lines() -> Iterator[list[str]]:
-    """Print what the package logs in the block as lines on stderr; the lines so far."""
-    logger, handler = logging.getLogger("fembridge"), _LineHandler()
+def logged_lines(*, shows: bool = True) -> Iterator[list[str]]:
+    """Print what the package logs in the block as lines on stderr; the lines so far.
+
+    Without `shows`, only warnings and errors are printed.
+    """
+    logger, handler = logging.getLogger("fembridge"), _LineHandler(shows)
     level, propagates = logger.level, logger.propagate
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)
@@ -153,6 +172,7 @@ class Bars:
     def __init__(
         self, patience_s: float = PATIENCE_S, *, quiet_s: float = QUIET_S, shows: bool = True
     ) -> None:
+        shows = shows and not _is_quiet
         self.on_terminal = shows and sys.stderr.isatty()
         self._shows = shows
         self._quiet_s = quiet_s
@@ -203,6 +223,17 @@ class Bars:
             self._bars.console.print(plain(line), markup=False, highlight=False)
         else:
             log(line)
+
+
+class TaskBars(Bars):
+    """A bar for each task of a computation, called as `fembridge.host.progress.Show`."""
+
+    def __call__(self, task: str, share: float) -> None:
+        """Move the bar of `task`; take it away when it is done."""
+        if share < 1:
+            self.show(task, share)
+        else:
+            self.remove(task)
 
 
 class SolverBars(Bars):

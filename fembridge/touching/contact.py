@@ -26,6 +26,7 @@ import numpy as np
 
 from fembridge.errors import UsageError
 from fembridge.host.memory import check_memory
+from fembridge.host.progress import advance
 from fembridge.touching.compliance import Compliance, DenseCompliance, GridCompliance
 from fembridge.touching.grid_contact import GridContactSolver
 from fembridge.touching.pad import Pad, SkinNodes
@@ -109,6 +110,7 @@ def press_to(
         for step, pressed in enumerate(level.tolist()):
             forces[step], depth_mm = contact.press_by(gap_mm, pressed, by_force=by_force)
             depth_um[step] = max(depth_mm / MM_PER_UM, 0.0) if by_force else pressed
+            advance("contact", (step + 1) / level.size)
     return nodes, forces, depth_um
 
 
@@ -214,6 +216,7 @@ def _press_reached(
             steps = np.arange(first, min(first + _STEPS_AT_ONCE, level.size))
             forces = np.empty((steps.size, count), dtype=np.float32)
             for step, row, gap in zip(steps, forces, gaps_at(reached, steps), strict=True):
+                advance("contact", int(step) / level.size)
                 force, depth_mm = press_by(
                     gap.astype(np.float64), float(level[step]), by_force=by_force
                 )
@@ -229,6 +232,7 @@ def _press_reached(
             held_bytes += parts[-1][1].nbytes
             check_memory(2 * held_bytes, subject, UsageError)
     pressed = np.zeros(count, dtype=bool)
+    advance("contact", 1.0)
     for columns, _ in parts:
         pressed[columns] = True
     at = np.cumsum(pressed) - 1

@@ -36,6 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fembridge.errors import UsageError
+from fembridge.host.progress import advance
 from fembridge.touching.compliance import Compliance
 from fembridge.touching.contact import (
     DEEPEST_UM,
@@ -209,6 +210,12 @@ def press_deep(
     UsageError
         A shape beside the pad, deeper than `DEEPEST_UM` or with more than `STRONGEST_N`.
     """
+    if by_force and level.max() > STRONGEST_N:
+        raise UsageError(
+            argument="press_n",
+            found=float(level.max()),
+            expected=f"at most {DEEPEST_UM:g} um and {STRONGEST_N:g} N",
+        )
     sheet = sheet_of(pad.smooth_pad if isinstance(pad, RidgedPad) else pad)
     nodes = pad.skin_nodes()
     gap_mm = nodes.gaps_mm(shape) - pad.first_touch_mm(shape)
@@ -221,6 +228,7 @@ def press_deep(
     with blas_threads(touch.contact.nodes_at_once):
         for step, pressed in enumerate(level.tolist()):
             forces[step], depth_um[step], loads[step] = touch.press(pressed, by_force=by_force)
+            advance("contact", (step + 1) / level.size)
     return nodes, forces, depth_um, LargeStrain(sheet.pad, loads, depth_um)
 
 
@@ -242,6 +250,7 @@ class _DeepTouch:
         self._sheet, self._nodes, self._gap_mm = sheet, nodes, gap_mm
         self.contact: ContactSolver | GridContactSolver = ContactSolver.on_nodes(nodes)
         self._further = np.zeros(sheet.shape)
+        self._between = _Between(sheet, nodes)
 
     def press(self, level: float, *, by_force: bool) -> tuple[FloatArray, float, FloatArray]:
         """Forces in N, depth in um and loads ``(3, column, row)`` at a level."""
@@ -249,13 +258,13 @@ class _DeepTouch:
         solution, least = _Anderson(), np.inf
         best: tuple[FloatArray, FloatArray, float, FloatArray] | None = None
         for number in range(_MOST_ROUNDS):
-            lowered_mm = sheet.at_nodes(self._nodes, sheet.down_mm(further))
-            forces, depth_mm = self.contact.press_by(
-                self._gap_mm + lowered_mm, level, by_force=by_force
-            )
+            gap_mm = self._gap_mm
+            if further.any():
+                gap_mm = gap_mm + self._between.at_nodes(sheet.down_mm(further))
+            forces, depth_mm = self.contact.press_by(gap_mm, level, by_force=by_force)
             total_n, depth_um = float(forces.sum()), max(depth_mm / MM_PER_UM, 0.0)
             _check_range(total_n, depth_um, 1.3)  # on the way it may be deeper
-            loads = further + sheet.on_pad(self._nodes, forces)
+            loads = further + self._between.on_pad(forces)
             share = share_of_large_strain(depth_um)
             change = (share * sheet.further_loads(loads) if share else 0.0) - further
             scale_n = max(total_n, float(np.abs(further).sum()))
@@ -272,6 +281,25 @@ class _DeepTouch:
             found=level,
             expected=f"at most {DEEPEST_UM:g} um and {STRONGEST_N:g} N",
         )
+
+
+class _Between:
+    """Between the nodes that may touch and those of the pad, among which values are read."""
+
+    def __init__(self, sheet: "SkinSheet", nodes: LatticeNodes) -> None:
+        self._shape = sheet.shape
+        self._weights, on_pad = nodes.pad.weights_on_pad(nodes)
+        self._on_pad = on_pad.column, on_pad.row + sheet.pad.end_row
+
+    def on_pad(self, forces_n: FloatArray) -> FloatArray:
+        """Loads of forces ``(n,)`` on nodes that touch."""
+        loads = np.zeros(self._shape)
+        loads[1][self._on_pad] = self._weights.T @ forces_n
+        return loads
+
+    def at_nodes(self, values: FloatArray) -> FloatArray:
+        """Values ``(N, R)`` of the pad's nodes at nodes that touch, ``(n,)``."""
+        return np.asarray(self._weights @ values[self._on_pad])
 
 
 def _check_range(total_n: float, depth_um: float, share: float) -> None:
@@ -363,20 +391,6 @@ class SkinSheet:
         tissue = self.pad.finger.materials[_TISSUE]
         return tissue.bulk_mpa + 4 / 3 * tissue.shear_mpa
 
-    # ---- Between the nodes of contact and those of the pad
-
-    def on_pad(self, nodes: LatticeNodes, forces_n: FloatArray) -> FloatArray:
-        """Loads of forces ``(n,)`` on nodes that touch."""
-        on_pad, spread_n = nodes.spread_on_pad(forces_n[None])
-        loads = np.zeros(self.shape)
-        if isinstance(on_pad, LatticeNodes):
-            np.add.at(loads[1], (on_pad.column, on_pad.row + self.pad.end_row), spread_n[0])
-        return loads
-
-    def at_nodes(self, nodes: LatticeNodes, values: FloatArray) -> FloatArray:
-        """Values ``(N, R)`` of the pad's nodes at nodes that touch, ``(n,)``."""
-        return nodes.pad.values_at(nodes, values)
-
     # ---- Displacement and stress under loads
 
     @cached_property
@@ -463,34 +477,43 @@ class SkinSheet:
 
     def _waves(self, loads: FloatArray | SingleArray) -> NDArray[np.complex64]:
         """Loads ``(..., 3, N, R)`` by wave number, ``(K, 3 N, ...)``."""
-        waves = np.fft.rfft(loads, self._length, axis=-1)
-        flat = waves.reshape(*waves.shape[:-3], -1, waves.shape[-1])
-        return np.ascontiguousarray(np.moveaxis(flat, (-1, -2), (0, 1))).astype(np.complex64)
+        from scipy.fft import rfft
 
-    def _rows(self, waves: NDArray[np.complex64]) -> FloatArray:
-        """Values ``(..., R)`` of values by wave number ``(K, ...)``."""
-        values = np.fft.irfft(np.moveaxis(waves, 0, -1), self._length, axis=-1)
-        return np.asarray(values[..., : self.shape[2]], dtype=np.float64)
+        waves = rfft(np.asarray(loads, dtype=np.float32), self._length, axis=-1)
+        flat = waves.reshape(*waves.shape[:-3], -1, waves.shape[-1])
+        return np.ascontiguousarray(np.moveaxis(flat, (-1, -2), (0, 1)))
+
+    def _rows(self, waves: NDArray[np.complex64]) -> SingleArray:
+        """Values ``(R, ...)`` of values by wave number ``(K, ...)``."""
+        from scipy.fft import irfft
+
+        values: SingleArray = irfft(waves, self._length, axis=0)
+        return values[: self.shape[2]]
 
     def down_mm(self, loads: FloatArray) -> FloatArray:
         """Displacement into the skin in mm, ``(N, R)``, under `loads` ``(3, N, R)``."""
-        return self._rows(np.matmul(self._down, self._waves(loads)[..., None])[..., 0])
+        waves = np.matmul(self._down, self._waves(loads)[..., None])[..., 0]
+        return self._rows(waves).T.astype(np.float64)
 
     def _membrane_mpa(self, loads: FloatArray) -> FloatArray:
         """Stress tt, zz, tz, nn in the middle of the sheet in the cells, ``(4, N - 1, R - 1)``."""
         waves = np.matmul(self._membrane, self._waves(loads)[..., None])[..., 0]
-        at_nodes = self._rows(waves.reshape(waves.shape[0], 4, -1))
+        at_nodes = self._rows(waves).T.astype(np.float64).reshape(4, -1, self.shape[2])
         return 0.5 * (at_nodes[..., 1:] + at_nodes[..., :-1])
 
-    def row_mpa(self, row: int, loads: SingleArray) -> SingleArray:
-        """Stress in a row of elements in MPa, ``(6, 2 M, S, R)``, under loads ``(S, 3, N, R)``."""
-        waves = self._waves(loads)  # (K, 3 N', S), real and imaginary parts as two columns
+    def real_waves(self, loads: SingleArray) -> SingleArray:
+        """Loads ``(S, 3, N, R)`` by wave number, for `row_mpa`: ``(K, 3 N, 2 S)``."""
+        waves = self._waves(loads)
         waves[:, 2 * self.shape[1] :] *= 1j
-        real = np.matmul(self._even_stress_waves(row), waves.view(np.float32))
-        product = real.view(np.complex64)
+        return waves.view(np.float32)  # real and imaginary parts as two columns
+
+    def row_mpa(self, row: int, waves: SingleArray) -> SingleArray:
+        """Stress in a row of elements in MPa, ``(2 M, R, 6, S)``, under loads by wave number."""
+        product = np.matmul(self._even_stress_waves(row), waves).view(np.complex64)
         product[:, product.shape[1] * 4 // 6 :] *= 1j
-        values = self._rows(product).astype(np.float32)
-        return values.reshape(6, -1, len(loads), values.shape[-1])
+        values = self._rows(product)
+        values = values.reshape(len(values), 6, -1, values.shape[-1])
+        return np.ascontiguousarray(values.transpose(2, 0, 1, 3))
 
     # ---- Large strain
 
@@ -626,23 +649,23 @@ class _Fields:
     """
 
     def __init__(self, sheet: SkinSheet, loads: SingleArray, depth_um: FloatArray) -> None:
-        self._sheet, self._loads = sheet, loads
+        self._sheet, self._count = sheet, len(loads)
+        self._waves = np.float32(PA_PER_MPA) * sheet.real_waves(loads)
         self._rows: dict[int, SingleArray] = {}
-        initial, pressure, tissue = [], [], []
-        for state, depth in zip(loads, depth_um.tolist(), strict=True):
-            share = PA_PER_MPA * share_of_large_strain(depth)
-            stress, down_mm = sheet.initial_stress_mpa(state.astype(np.float64))
-            initial.append(share * stress)
-            pressure.append(share * sheet.pressure_mpa(down_mm))
-            tissue.append(share * sheet.tissue_stress_mpa(down_mm))
-        self.initial_pa = np.stack(initial, axis=-1)
-        self.pressure_pa = np.stack(pressure, axis=-1)
-        self.tissue_pa = np.stack(tissue, axis=-1)
+        _, columns, rows = sheet.shape
+        self.initial_pa = np.zeros((3, columns - 1, rows - 1, self._count))
+        self.pressure_pa, self.tissue_pa = np.zeros((2, columns, rows, self._count))
+        for number, (state, depth) in enumerate(zip(loads, depth_um.tolist(), strict=True)):
+            if share := PA_PER_MPA * share_of_large_strain(depth):
+                stress, down_mm = sheet.initial_stress_mpa(state.astype(np.float64))
+                self.initial_pa[..., number] = share * stress
+                self.pressure_pa[..., number] = share * sheet.pressure_mpa(down_mm)
+                self.tissue_pa[..., number] = share * sheet.tissue_stress_mpa(down_mm)
 
     def row_pa(self, row: int) -> SingleArray:
-        """Superposed stress in a row of elements in Pa, ``(6, 2 M, S, R)``."""
+        """Superposed stress in a row of elements in Pa, ``(2 M, R, 6, S)``."""
         if row not in self._rows:
-            self._rows[row] = np.float32(PA_PER_MPA) * self._sheet.row_mpa(row, self._loads)
+            self._rows[row] = self._sheet.row_mpa(row, self._waves)
         return self._rows[row]
 
     def stress_pa(
@@ -655,13 +678,13 @@ class _Fields:
         """Stress ``(6, place, S)`` in Pa at places."""
         from scipy.sparse import csr_array
 
-        sheet, pad, count = self._sheet, self._sheet.pad, len(self._loads)
+        sheet, pad, count = self._sheet, self._sheet.pad, self._count
         row_numbers = np.flatnonzero(np.isin([row.layer for row in pad.rows], layer))
         across = pad.section_weights(row_numbers, layer, x_mm, depth_mm)
         lattice_mm = np.arange(-pad.end_row, pad.end_row + 1.0) * pad.spacing_mm
         at, weight = cubic_weights(lattice_mm, z_mm)
-        table = np.concatenate([self.row_pa(int(row)) for row in row_numbers], axis=1)
-        table = table.transpose(1, 3, 0, 2).reshape(-1, 6 * count)
+        table = np.concatenate([self.row_pa(int(row)) for row in row_numbers])
+        table = table.reshape(-1, 6 * count)
         place = np.repeat(np.arange(z_mm.size), np.diff(across.indptr))
         index = across.indices[:, None] * lattice_mm.size + at[place]
         share = (across.data[:, None] * weight[place]).astype(np.float32)

@@ -20,6 +20,7 @@ import numpy as np
 
 from decks.stimuli import DT_MS
 from fembridge.errors import ResultError, UsageError, warn
+from fembridge.host.progress import advance
 from fembridge.host.store import filling, read_toml, write_text, write_toml
 from fembridge.io.text_table import read_table
 from fembridge.plots.shown import Shown
@@ -568,9 +569,9 @@ def receptive_field(
         endings_mm=endings_mm,
         sa_von_mises=sa_von_mises,
     )
+    wave = _wave(frequency_hz)
     drive_pa, force_n = probe.drive(population, across, along)
     response = _Response(afferent, class_parameters, population, probe.level_um, drive_pa)
-    wave = _wave(frequency_hz)
     hot = response.hot_spot()
     threshold_um = response.thresholds_um(hot, wave)
     force_there_n = force_n.reshape(len(force_n), -1)[:, hot]
@@ -682,6 +683,8 @@ class _Probe:
         drive, force_n = np.zeros(shape), np.zeros((shape[0], *shape[2:]))
         for column, probe_x_mm in enumerate(across.tolist()):
             for row, probe_z_mm in enumerate([0.0] if uniform else along.tolist()):
+                share = (column + row / along.size) / across.size
+                advance(f"field of {units.afferent[0]}", share)
                 nodes, forces, own_n = self._press(probe_x_mm, probe_z_mm)
                 place = np.s_[:, :, column, :] if uniform else np.s_[:, :, column, row : row + 1]
                 force_n[place[:1] + place[2:]] = own_n[:, None]
@@ -696,6 +699,7 @@ class _Probe:
                     drive[place] = np.where(most >= -least, most, least)
                 else:
                     drive[place] = np.maximum.reduceat(stress, first, axis=1)
+        advance(f"field of {units.afferent[0]}", 1.0)
         if alike:
             drive = np.broadcast_to(drive, (shape[0], len(units), *shape[2:]))
         return drive, force_n

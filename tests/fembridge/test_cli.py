@@ -282,14 +282,19 @@ def test_json_is_alone_and_strict_whatever_the_summary_holds(verb, capsys):
 
     out = json.loads(capsys.readouterr().out, parse_constant=no_constant)
     strict = {"rate_ips": None, "peak": None, "counts": [1, 2], "files": ["a.csv"], "3": True}
-    assert out == strict | {"notes": [], "warnings": [], "exit_code": 0}
+    assert out == strict | {"notes": [], "warnings": [], "next": [], "exit_code": 0}
 
 
 def test_a_summary_can_say_that_not_all_is_well(verb, capsys):
     verb(lambda args: {"exit_code": 1})
     assert cli.main(["try"]) == 1
     assert cli.main(["try", "--json"]) == 1
-    assert json.loads(capsys.readouterr().out) == {"notes": [], "warnings": [], "exit_code": 1}
+    assert json.loads(capsys.readouterr().out) == {
+        "notes": [],
+        "warnings": [],
+        "next": [],
+        "exit_code": 1,
+    }
 
 
 def test_a_warning_is_a_line_on_stderr_once_and_part_of_the_summary(verb, capsys):

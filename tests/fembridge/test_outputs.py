@@ -164,14 +164,14 @@ def test_a_help_page_is_short_and_begins_with_the_options(verb, capsys, monkeypa
     monkeypatch.setenv("COLUMNS", "100")
     assert cli.main([verb, "--help"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) <= 90
+    assert len(lines) <= 92
     assert lines.index("options:") < 12
 
 
 def test_every_verb_that_writes_files_is_on_the_page_with_every_row_read():
     page = (ROOT / "fembridge/commands/outputs.md").read_text(encoding="utf-8")
     verbs = re.findall("^## (.*)", page, re.MULTILINE)
-    assert sorted(verbs) == sorted(set(cli.VERBS) - {"cache", "check", "doctor"})
+    assert sorted(verbs) == sorted(set(cli.VERBS) - {"cache", "check", "completion", "doctor"})
     outputs = [output for verb in verbs for output in outputs_of(verb).values()]
     assert len(outputs) == len(re.findall(r"^\*\*", page, re.MULTILINE))
     assert sum(len(columns) for _, columns in outputs) == len(

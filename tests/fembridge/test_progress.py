@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
+import fembridge as fb
+from fembridge.cli import main
 from fembridge.fitting.fit import SearchBar
-from fembridge.host.progress import Progress
+from fembridge.host.progress import Progress, advance, showing
 from fembridge.host.terminal import Bars, SolverBars, how_far
 from neural.search import SearchProgress
 
@@ -120,3 +122,51 @@ def test_where_there_is_no_terminal_a_run_gets_a_line_now_and_then(capsys, monke
         "runs/next: 1%",
     ]
     assert lines[0].endswith("150 increments, 17 iterations, 0:01:10 left")
+
+
+@pytest.mark.parametrize(
+    ("compute", "tasks"),
+    [
+        (lambda: fb.touch("sphere", press_um=100, population="one_each"), {"contact"}),
+        (lambda: fb.touch("plate", press_um=400, population="one_each"), {"contact"}),
+        (
+            lambda: fb.touch(
+                "dots",
+                trajectory=fb.Trajectory.slide(40, press_um=150, duration_ms=30),
+                population="one_each",
+            ),
+            {"contact"},
+        ),
+        (
+            lambda: fb.receptive_field("SA", step_mm=2, depth_um=[200], units=1),
+            {"field of SA"},
+        ),
+        (lambda: fb.threshold(["PC"], [100, 200]), {"thresholds of PC"}),
+    ],
+    ids=["press", "deep", "slide", "field", "threshold"],
+)
+def test_long_computations_report_their_progress_up_to_the_end(compute, tasks):
+    reports = []
+    with showing(lambda task, share: reports.append((task, share))):
+        compute()
+    assert {task for task, _ in reports} >= tasks
+    for task in {task for task, _ in reports}:
+        shares = [share for name, share in reports if name == task]
+        assert min(shares) >= 0
+        assert max(shares) == shares[-1] == 1
+    count = len(reports)
+    advance("contact", 0.5)  # nobody looks any more
+    assert len(reports) == count
+
+
+def test_a_slide_shows_a_bar_on_a_terminal_unless_it_is_quiet(terminal, here, monkeypatch):
+    words = ["touch", "--shape", "dots", "--press-um", "150", "--slide-mm-per-s", "40"]
+    words += ["--duration-ms", "30", "--population", "one_each", "--no-plot", "-o", "out"]
+    monkeypatch.setattr("fembridge.host.terminal.PATIENCE_S", 0.0)
+    monkeypatch.setattr(Bars.__init__, "__defaults__", (0.0,))
+    stream = terminal()
+    assert main(words) == 0
+    assert "contact" in stream.getvalue()
+    stream = terminal()
+    assert main([*words, "--quiet"]) == 0
+    assert "contact" not in stream.getvalue()
