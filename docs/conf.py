@@ -29,6 +29,7 @@ extensions = [
     "sphinx_copybutton",
     "formulas",
     "playground",
+    "explored_touch",
     "verb_pages",
 ]
 exclude_patterns = ["_build", "playground", "examples", "examples_*"]
