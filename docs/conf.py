@@ -29,6 +29,7 @@ extensions = [
     "sphinx_copybutton",
     "formulas",
     "playground",
+    "explored_touch",
     "verb_pages",
     "made_pictures",
 ]
