@@ -99,3 +99,11 @@ def test_each_decision_is_in_the_index_once():
 
     assert sorted(listed) == sorted(path.name for path in folder.glob("[0-9]*.md"))
     assert len({name[:4] for name in listed}) == len(listed)
+
+
+def test_each_page_of_a_section_is_in_its_index():
+    for section in ("how_to", "science", "tutorials"):
+        folder = ROOT / "docs" / section
+        index = (folder / "index.md").read_text(encoding="utf-8")
+        for page in folder.glob("*.md"):
+            assert page.stem == "index" or f"({page.name})" in index, f"{section}/{page.name}"
