@@ -36,6 +36,15 @@ def look():
         "<script>fetch('https://example.org/a.json')</script>",
         "<script>image.src = 'https://example.org/a.png'</script>",
         "<script type='module'>import x from 'https://example.org/x.mjs'</script>",
+        "<script>const base = `https://example.org/`; load(base + 'a.js')</script>",
+        '<form action="https://example.org/search"></form>',
+        '<base href="https://example.org/">',
+        '<link rel="preload" imagesrcset="https://example.org/a.png 1x">',
+        '<a href="a.png" ping="https://example.org/p">a</a>',
+        """<img src="a.png" onload="this.src='https://example.org/b.png'">""",
+        """<iframe srcdoc="<img src='https://example.org/b.png'>"></iframe>""",
+        '<meta http-equiv="refresh" content="0; url=https://example.org/">',
+        '<body background="//example.org/a.png"></body>',
     ],
 )
 def test_an_outside_address_that_is_loaded_is_found(look, tmp_path, text):
@@ -54,6 +63,9 @@ def test_an_outside_address_that_is_loaded_is_found(look, tmp_path, text):
         '<link rel="canonical" href="https://example.org/page.html">',
         '<a href="page.html#part">here</a> <a href="#part">here</a>',
         '<svg xmlns="http://www.w3.org/2000/svg"></svg>',
+        "<script>document.createElementNS('http://www.w3.org/2000/svg', 'g')</script>",
+        "<script>/* see https://example.org */ let a = 1; // 'https://example.org'\n</script>",
+        '<meta name="citation" content="https://example.org">',
         '<img src="data:image/png;base64,AAAA">',
     ],
 )
