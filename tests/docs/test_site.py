@@ -1,6 +1,7 @@
 """The documentation site: what its check finds, and that the reference is complete."""
 
 import importlib.util
+import inspect
 import re
 from pathlib import Path
 
@@ -101,6 +102,13 @@ def test_the_reference_has_every_public_name():
     assert names["fembridge"] == set(fembridge._HOMES) | set(fembridge.__all__)
     assert names["neural"] == set(neural.__all__)
     assert names["decks"] == set(decks.__all__) - set(fembridge._HOMES)
+
+
+def test_each_public_name_has_an_example():
+    for name in sorted(set(fembridge._HOMES) | set(fembridge.__all__)):
+        assert ">>>" in (inspect.getdoc(getattr(fembridge, name)) or ""), name
+    for name in set(neural.__all__) - {"MODELS", "PUBLISHED", "Parameters"}:  # tables and a type
+        assert ">>>" in (inspect.getdoc(getattr(neural, name)) or ""), name
 
 
 def test_decisions_have_one_topic_and_one_number_each():
