@@ -60,6 +60,8 @@ if TYPE_CHECKING:
     from fembridge.results import read_fields as read_fields
     from fembridge.results import read_history as read_history
     from fembridge.results.vtu import write_vtu_series as write_vtu_series
+    from fembridge.simulation.calibrate import Calibration as Calibration
+    from fembridge.simulation.calibrate import calibrate
     from fembridge.simulation.deck_response import DeckResponse as DeckResponse
     from fembridge.simulation.deck_response import map_deck, map_response
     from fembridge.simulation.encode import encode
@@ -106,6 +108,7 @@ __all__ = [  # noqa: RUF022 - the main job first, then from deck to spikes, then
     "run",
     "read",
     "encode",
+    "calibrate",
     "export_c",
     "touch",
     "touch_many",
@@ -149,6 +152,7 @@ _HOMES = {
         ("fembridge.simulation.deck_response", "map_deck map_response DeckResponse"),
         ("fembridge.simulation.encode", "encode"),
         ("fembridge.simulation.encoding", "Encoding"),
+        ("fembridge.simulation.calibrate", "calibrate Calibration"),
         ("neural.c_header", "export_c"),
         ("fembridge.solver.deck", "build_deck rebase_deck"),
         ("fembridge.solver.check", "check DeckCheck"),

@@ -74,6 +74,7 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
         "ingest": "read stress traces from the results of a solver",
         "export-script": "print a script that exports traces inside Mentat or Abaqus",
         "encode": "turn stress traces into spikes and firing rates",
+        "calibrate": "find the gain of a robot's sensor from one press",
         "export-c": "write the encoder as one C header, for microcontrollers",
     },
     "parameters and evidence": {

@@ -146,10 +146,7 @@ SAMPLES: Mapping[str, Sample] = {
     "pressure": Sample(
         "signal of a robot's pressure sensor at 2 kHz: a press and a vibration",
         "pressure.csv",
-        (
-            "fembridge encode {file} --columns time=time_s,value=pressure_kpa "
-            "--afferent SA,RA,PC --resample-ms 0.5",
-        ),
+        ("fembridge encode {file}",),
         _write_pressure,
     ),
     "waveform": Sample(
