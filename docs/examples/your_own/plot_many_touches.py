@@ -35,7 +35,7 @@ total = rates.groupby(["shape", "touch", "afferent"])["rate_ips"].mean().reset_i
 fig, panel = plt.subplots()
 for column, name in enumerate(("SA", "RA", "PC")):
     chosen = total[total["afferent"] == name]
-    for row, (shape, group) in enumerate(chosen.groupby("shape")):
+    for row, (_, group) in enumerate(chosen.groupby("shape")):
         panel.plot(
             [row + 0.2 * (column - 1)] * len(group), group["rate_ips"], "os^"[column],
             color=f"C{column}", label=name if row == 0 else None,
