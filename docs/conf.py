@@ -29,9 +29,12 @@ extensions = [
     "sphinx_copybutton",
     "formulas",
     "playground",
+    "explored_touch",
     "verb_pages",
+    "made_pictures",
 ]
 exclude_patterns = ["_build", "playground", "examples", "examples_*"]
+smartquotes = False  # two hyphens begin an option
 suppress_warnings = ["config.cache"]  # the gallery's configuration holds functions
 
 # Pages
