@@ -913,11 +913,11 @@ def _begin(plan: Plan, store: Store) -> Plan:
     positions, further = plan.positions_of(read_rows(store)[0])
     missing = positions.count(None)
     if earlier["fembridge"] != __version__:
-        problem = f"by version {earlier['fembridge']} of fembridge"
+        problem = f"by version {earlier['fembridge']} of fembridge, use that"
     elif earlier["forces_step_ms"] != plan.forces_step_ms:
-        problem = f"with forces every {earlier['forces_step_ms']:g} ms"
+        problem = f"with forces every {earlier['forces_step_ms']:g} ms, use that step"
     elif missing:
-        problem = f"of which {missing} of {rows} touches are not in this table"
+        problem = f"of which {missing} of {rows} touches are not in this table, only add rows"
     else:
         order = [row for row in positions if row is not None] + further
         if not further:
@@ -925,7 +925,7 @@ def _begin(plan: Plan, store: Store) -> Plan:
         _LOGGER.info(f"{len(further)} touches are added to {rows}")
         return _described(plan.ordered(order, (*extents, rows)), store)
     if not _is_of_failures(store):
-        raise OutputError(f"has a data set {problem}, choose another folder", Path(str(store)))
+        raise OutputError(f"has a data set {problem}, or choose another folder", Path(str(store)))
     for part in finished_parts(store):  # "touches" first: it marks the others as complete
         for name in reversed(TABLES):
             store.remove(part_name(name, part))
