@@ -49,6 +49,8 @@ if TYPE_CHECKING:
     from fembridge.io.waveform import Waveform
     from fembridge.reporting.deflect import Deflections as Deflections
     from fembridge.reporting.deflect import deflect
+    from fembridge.reporting.explorer import Explorer as Explorer
+    from fembridge.reporting.explorer import explore
     from fembridge.reporting.folder_page import Report as Report
     from fembridge.reporting.folder_report import report
     from fembridge.reporting.validation import Validation as Validation
@@ -123,6 +125,7 @@ __all__ = [  # noqa: RUF022 - the main job first, then from deck to spikes, then
     "verify",
     "deflect",
     "report",
+    "explore",
     "sample",
     "Stimulus",
     "Waveform",
@@ -180,6 +183,7 @@ _HOMES = {
         ("fembridge.reporting.deflect", "deflect Deflections"),
         ("fembridge.reporting.folder_report", "report"),
         ("fembridge.reporting.folder_page", "Report"),
+        ("fembridge.reporting.explorer", "explore Explorer"),
         ("fembridge.solver.settings", "Solver"),
         ("fembridge.stimulus", "Stimulus"),
         ("fembridge.trace", "StressTrace"),

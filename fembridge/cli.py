@@ -89,6 +89,7 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
         "plot": "draw a mesh, a response, a raster and other pictures",
         "sample": "write sample results, a deck, a signal or rates: a first try without a solver",
         "report": "write a page on a run, a simulation, a touch, a map or a pad",
+        "explore": "write a page that plays a touch, a simulation or a solved run",
         "pad": "make the pad file of your own finger, for touch and receptive-field",
         "cache": "list or clear the results of earlier solver runs",
         "doctor": "list what is installed and what is missing",

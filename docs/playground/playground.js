@@ -292,7 +292,7 @@
   function colours(element) {
     const style = getComputedStyle(element);
     const get = (name) => style.getPropertyValue("--playground-" + name).trim();
-    const named = { ink: get("ink"), muted: get("muted"), faint: get("faint"), shade: get("shade") };
+    const named = { ink: get("ink"), muted: get("muted"), faint: get("faint"), shade: get("shade"), face: get("face") };
     for (const afferent of DATA.afferents) named[afferent.name] = get(afferent.name.toLowerCase());
     named.font = style.fontFamily;
     return named;
@@ -694,8 +694,16 @@
         line(pen, LEFT, y, width - RIGHT, y, value === 0 ? paint.muted : paint.faint);
         write(pen, String(value).replace("-", "−"), LEFT - 6, y + 4, paint.muted, AXIS, "right");
       }
-      if (low < 0) write(pen, "off the skin", LEFT + 6, Math.min(yOf(0) + 13, bottom - 1), paint.muted, AXIS);
       curve(pen, depth_um, xOf, yOf, paint.ink, 2);
+      if (low < 0) {
+        const at = [LEFT + 6, Math.min(yOf(0) + 13, bottom - 1)];
+        pen.font = AXIS + "px " + pen.family;
+        pen.textAlign = "left";
+        pen.lineWidth = 4;
+        pen.strokeStyle = paint.face;
+        pen.strokeText("off the skin", ...at);
+        write(pen, "off the skin", ...at, paint.muted, AXIS);
+      }
       this.drawCursor(pen, width, top, bottom, paint);
     }
 

@@ -89,3 +89,13 @@ def test_the_reference_has_every_public_name():
     assert names["fembridge"] == set(fembridge._HOMES) | set(fembridge.__all__)
     assert names["neural"] == set(neural.__all__)
     assert names["decks"] == set(decks.__all__) - set(fembridge._HOMES)
+
+
+def test_each_decision_is_in_the_index_once():
+    folder = ROOT / "docs/decisions"
+    listed = re.findall(
+        r"^- \[\]\(\./(\d{4}-[\w-]+\.md)\)$", (folder / "index.md").read_text(), re.M
+    )
+
+    assert sorted(listed) == sorted(path.name for path in folder.glob("[0-9]*.md"))
+    assert len({name[:4] for name in listed}) == len(listed)

@@ -53,6 +53,7 @@ LINES = {
     "verify": "--quick --only patch -o verification",
     "deflect": "--finger quick -o deflection",
     "report": "run_folder -o report.html",
+    "explore": "run_folder -o explore.html",
     "sample": "waveform -o sample",
     "plot mesh": "-o mesh.png",
     "plot response": "-o response.png",
