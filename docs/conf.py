@@ -33,7 +33,8 @@ extensions = [
     "verb_pages",
     "made_pictures",
 ]
-exclude_patterns = ["_build", "playground", "examples", "examples_*"]
+templates_path = ["_templates"]  # a class with all its methods on one page
+exclude_patterns = ["_build", "_templates", "playground", "examples", "examples_*"]
 smartquotes = False  # two hyphens begin an option
 suppress_warnings = ["config.cache"]  # the gallery's configuration holds functions
 

@@ -23,7 +23,7 @@ TOPICS = {
     "Your deck": "--base-deck --amplitude --move --step --length-unit --increments --shell-face "
     "--results --runs",
     "Afferents": "--afferent --afferents --unit --units --endings-mm --sa-von-mises --parameters "
-    "--drive --cells --derivative --criterion --times-threshold",
+    "--drive --cells --calibration --derivative --criterion --times-threshold",
     "Recorded data": "--observed --recorded --thresholds --timing --spikes --spike-distance "
     "--impulses --distance --family --held-out --allow-missing",
     "Search": "--evaluations --population --rule --seeds --name",
@@ -46,7 +46,7 @@ def verb_page(verb: str) -> str:
     pieces = [
         f"# fembridge {verb}\n\n{_text(summary)}",
         f"```sh\n{command.EXAMPLE}\n```",
-        _text(details),
+        _details(details),
         f"## Options\n\n```text\n{verb_parser.format_usage().removeprefix('usage: ').strip()}\n```",
     ]
     formatter = verb_parser._get_formatter()
@@ -74,6 +74,8 @@ def _sections(parser: argparse.ArgumentParser) -> dict[str, list[argparse.Action
         sections["Options"] = options[1]
     else:
         topic_of = {name: topic for topic, names in TOPICS.items() for name in names.split()}
+        if any("--evaluations" in action.option_strings for action in options[1]):
+            topic_of["--seed"] = "Search"
         by_topic: dict[str, list[argparse.Action]] = {topic: [] for topic in (*TOPICS, "Other")}
         for action in options[1]:
             names = (topic_of[name] for name in action.option_strings if name in topic_of)
@@ -106,6 +108,24 @@ def _text(text: str) -> str:
         else re.sub(r"([*_<>\[\]$#])", r"\\\1", piece)
         for piece in pieces
     )
+
+
+def _details(text: str) -> str:
+    """The description of a verb as MyST; its indented lines are a list, terms before two blanks."""
+    lines: list[str] = []
+    for line in text.strip().splitlines():
+        item = re.fullmatch(r"  (\S.*?)(?:  +(\S.*))?", line)
+        if item and item[2]:
+            lines.append(f"- `{item[1]}`: {_text(item[2])}")
+        elif item:
+            lines.append(f"- {_text(item[1])}")
+        elif line.startswith("   ") and lines and lines[-1].startswith("-"):
+            lines[-1] += " " + _text(line)
+        else:
+            if lines and lines[-1].startswith("-"):
+                lines.append("")
+            lines.append(_text(line))
+    return re.sub(r"(?m)^(?!- )(.+)\n- ", r"\1\n\n- ", "\n".join(lines))
 
 
 def _outputs(verb: str) -> str:

@@ -84,6 +84,13 @@ class Recording:
     ------
     UsageError
         A spike at or before time 0, or after `t_stop_ms`.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> recording = fb.simulate("sine_20_250", stored=True).to_recording()
+    >>> recording.dt_ms, len(recording.unit)
+    (0.1, 30)
     """
 
     unit: tuple[str, ...]

@@ -69,6 +69,13 @@ class Explorer:
         and ``(T,)``, and values at moments, ``(frame, N)``.
     folder
         Folder of the result. Default: None, it is in memory.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> explorer = fb.explore(fb.simulate("sine_20_250", stored=True))
+    >>> explorer.kind
+    'simulation'
     """
 
     def __init__(

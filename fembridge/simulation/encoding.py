@@ -116,6 +116,16 @@ class Encoding(Shown):
         Requested name of the stimulus. Default: None.
     derivative
         Scheme of the stress derivatives. Default: ``backward``.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> encoding = fb.encode(fb.read(fb.sample("frd")))
+    >>> encoding.rates["rate_ips"].tolist()
+    [41.0, 108.0, 110.0]
+    >>> encoding.write("encoded")
+    >>> fb.Encoding.read("encoded").spikes.equals(encoding.spikes)
+    True
     """
 
     traces: Traces

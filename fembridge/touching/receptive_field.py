@@ -121,6 +121,13 @@ class ReceptiveField(Shown):
         or more, ``(U,)``.
     origin
         Pad, parameters and version, for the record. Default: nothing.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> fields = fb.receptive_field("SA", units=3, depth_um=[200], step_mm=1.0)
+    >>> fields.threshold_um.shape
+    (3,)
     """
 
     afferent: str
