@@ -292,7 +292,7 @@
   function colours(element) {
     const style = getComputedStyle(element);
     const get = (name) => style.getPropertyValue("--playground-" + name).trim();
-    const named = { ink: get("ink"), muted: get("muted"), faint: get("faint"), shade: get("shade"), face: get("face") };
+    const named = { ink: get("ink"), muted: get("muted"), faint: get("faint"), shade: get("shade") };
     for (const afferent of DATA.afferents) named[afferent.name] = get(afferent.name.toLowerCase());
     named.font = style.fontFamily;
     return named;
@@ -680,7 +680,8 @@
       const xOf = (n) => LEFT + ((n * STEP_MS) / duration_ms) * (width - LEFT - RIGHT);
       const yOf = (depth) => bottom - ((depth - low) / (high - low)) * (bottom - top);
       const used = write(pen, "Probe", LEFT, 14, paint.ink, 14, "left", "bold");
-      write(pen, "depth in µm", LEFT + used + 8, 14, paint.muted, 13);
+      const off = low < 0 ? "; below 0 off the skin" : "";
+      write(pen, "depth in µm" + off, LEFT + used + 8, 14, paint.muted, 13);
       let right = is_cut ? "as deep as the stored response: " + short(DATA.deepest_um) + " µm" : "";
       if (this.cursor_ms !== null) {
         const n = Math.min(Math.round(this.cursor_ms / STEP_MS), depth_um.length - 1);
@@ -695,15 +696,6 @@
         write(pen, String(value).replace("-", "−"), LEFT - 6, y + 4, paint.muted, AXIS, "right");
       }
       curve(pen, depth_um, xOf, yOf, paint.ink, 2);
-      if (low < 0) {
-        const at = [LEFT + 6, Math.min(yOf(0) + 13, bottom - 1)];
-        pen.font = AXIS + "px " + pen.family;
-        pen.textAlign = "left";
-        pen.lineWidth = 4;
-        pen.strokeStyle = paint.face;
-        pen.strokeText("off the skin", ...at);
-        write(pen, "off the skin", ...at, paint.muted, AXIS);
-      }
       this.drawCursor(pen, width, top, bottom, paint);
     }
 

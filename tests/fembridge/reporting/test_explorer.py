@@ -144,6 +144,14 @@ def test_a_solved_run_has_a_page(tmp_path):
     assert explorer.arrays["spike_ms_0"].size > 20
 
 
+@pytest.mark.filterwarnings("ignore:parameter set fitted was fitted on:UserWarning")
+def test_a_map_of_a_pad_has_no_section():
+    result = fb.simulate("sine_20_100", response=fb.PadProbe())
+    explorer = fb.explore(result)
+    assert explorer.values["section"] is None
+    assert explorer.arrays["spike_ms_0"].size == len(result.spikes)
+
+
 @pytest.mark.filterwarnings("ignore:parameter set fitted_pad was fitted on finger:UserWarning")
 @pytest.mark.parametrize("pad", ["plane", "fingertip"])
 def test_every_kind_of_pad_has_a_page(pad):
