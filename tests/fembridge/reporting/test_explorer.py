@@ -1,6 +1,7 @@
 """The page of `fembridge explore`: its numbers are those of the result, and a browser shows it."""
 
 import base64
+import html
 import json
 import re
 import shutil
@@ -168,6 +169,12 @@ def test_what_is_no_result_is_refused(simulation, tmp_path):
             fb.explore(wrong)
     with pytest.raises(UsageError):
         fb.explore(simulation).write()
+
+
+def test_a_notebook_shows_the_page(simulation):
+    explorer = fb.explore(simulation)
+    [page] = re.findall('srcdoc="([^"]*)"', explorer._repr_html_())
+    assert html.unescape(page) == explorer.to_html()
 
 
 def test_a_title_that_looks_like_markup_is_text(simulation, tmp_path):
