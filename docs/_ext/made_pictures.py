@@ -56,6 +56,11 @@ def fit() -> Figure:
     return fb.fit(fb.sample("rates"), search=fb.Search(evaluations=400)).plot()
 
 
+def pressure_signal() -> Figure:
+    """The raster of the sample pressure signal, as ``encode`` draws it."""
+    return fb.encode(fb.sample("pressure")).plot()
+
+
 def own_results() -> Figure:
     """Stress and spikes of the sample results, as ``encode`` draws them."""
     return fb.encode(fb.read(fb.sample("frd"))).plot()
@@ -140,7 +145,8 @@ def _signal_and_spikes(spikes: pd.DataFrame) -> tuple[Figure, list[Axes]]:
 PICTURES: dict[str, Callable[[], Figure]] = {
     function.__name__: function
     for function in (
-        twenty_hertz, taps, thresholds, fit, own_results, card_touch, card_model, card_robot,
+        twenty_hertz, taps, thresholds, fit, pressure_signal, own_results,
+        card_touch, card_model, card_robot,
     )
 }  # fmt: skip
 

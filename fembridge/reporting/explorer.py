@@ -565,6 +565,8 @@ def _of_stimuli(
             f"spike_afferent_{row}": table[:, 1].astype(np.uint16),
             f"spike_cell_{row}": table[:, 2].astype(np.uint16),
         }
+        if stimulus.aside_um is not None:
+            arrays[f"aside_um_{row}"] = stimulus.aside_um.astype(np.float32)
         entries.append(
             {
                 "id": stimulus.id,
@@ -583,7 +585,8 @@ def _of_stimuli(
         ],
         "section": None,
     }
-    if finger is not None:
+    # The probe of a map on a pad is a shape; it has no section.
+    if finger is not None and isinstance(probe, Mapping) and "diameter_mm" in probe:
         with suppress(FembridgeError):  # no mesher for a finger of one's own
             values["section"], section = _section(finger, probe)
             arrays |= section
@@ -593,7 +596,7 @@ def _of_stimuli(
     return Explorer("simulation", title, lead, facts, values, arrays, folder)
 
 
-def _section(finger: Finger, probe: object) -> tuple[dict[str, Any], dict[str, Any]]:
+def _section(finger: Finger, probe: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Mesh of a finger's section with colours of its layers, and the probe at first touch."""
     from decks.finger import LAYERS
     from decks.presets import mesh_of
@@ -601,7 +604,7 @@ def _section(finger: Finger, probe: object) -> tuple[dict[str, Any], dict[str, A
     from fembridge.plots.style import LAYER_COLOURS
 
     mesh = mesh_of(finger)
-    placed = Probe(**probe) if isinstance(probe, Mapping) else Probe()
+    placed = Probe(**probe)
     indentor, _ = mesh_probe(placed, mesh)
     values = {
         "layers": [name.replace("_", " ") for name in LAYERS],

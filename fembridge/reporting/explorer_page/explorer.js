@@ -10,6 +10,7 @@
   const LIT_MS = 30; /* a unit is lit for so long after a spike */
   const SPEEDS = [1, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01];
   const PLAYED_S = 7; /* about as long as the whole takes at first */
+  const LEVELS = 48; /* of the picture from above */
   const DARK = [24, 20, 28]; /* the largest pressure or stress */
   const MARKS = { SA: "circle", RA: "triangle", PC: "square" };
 
@@ -186,7 +187,8 @@
       return name + ": " + spikes.of[unit].length + " spikes";
     };
     const deepest = depth.reduce((best, value, n) => (value > depth[best] ? n : best), 0);
-    return { spikes, bands, first, depth, stress, samples, entry, start_ms: Math.min(0, entry.start_ms), end_ms, first_ms: deepest * entry.depth_dt_ms, window_ms: entry.window_ms, tell };
+    const aside = arrays["aside_um_" + row];
+    return { spikes, bands, first, depth, aside, stress, samples, entry, start_ms: Math.min(0, entry.start_ms), end_ms, first_ms: deepest * entry.depth_dt_ms, window_ms: entry.window_ms, tell };
   }
 
   function valueAt(values, start, step, time) {
@@ -218,7 +220,7 @@
         fixed += HEAD + GAP + (band.values ? curve : 0) + (band.rows ? 8 : 0);
         rows += band.rows ? Math.max(band.rows.length, 1) : 0;
       }
-      this.row = Math.max(0.4, Math.min(6, (height - fixed) / Math.max(rows, 1)));
+      this.row = Math.max(isTouch ? 0.4 : 3.5, Math.min(6, (height - fixed) / Math.max(rows, 1)));
       let y = 0;
       for (const band of bands) {
         band.top = y + HEAD;
@@ -457,13 +459,26 @@
       return this.at(arrays.unit_mm[3 * unit], arrays.unit_mm[3 * unit + 2]);
     }
 
-    polygon(pen, vertices, triangles, n) {
-      pen.beginPath();
-      for (let corner = 0; corner < 3; corner++) {
-        const vertex = 3 * triangles[3 * n + corner];
-        pen.lineTo(...this.at(vertices[vertex], vertices[vertex + 2]));
+    /* Fills triangles; those of nearly the same share of the largest are one shape. */
+    fillAll(pen, vertices, triangles, shareOf, skin) {
+      const paths = new Map();
+      for (let n = 0; 3 * n < triangles.length; n++) {
+        const level = Math.round(LEVELS * shareOf(n));
+        if (!paths.has(level)) paths.set(level, new Path2D());
+        const path = paths.get(level);
+        for (let corner = 0; corner < 3; corner++) {
+          const vertex = 3 * triangles[3 * n + corner], place = this.at(vertices[vertex], vertices[vertex + 2]);
+          if (corner === 0) path.moveTo(...place);
+          else path.lineTo(...place);
+        }
+        path.closePath();
       }
-      pen.closePath();
+      for (const level of Array.from(paths.keys()).sort((x, y) => x - y)) {
+        if (level < 0) continue;
+        pen.fillStyle = pen.strokeStyle = "rgb(" + darker(skin, level / LEVELS).join() + ")";
+        pen.fill(paths.get(level));
+        pen.stroke(paths.get(level));
+      }
     }
 
     draw(time, model, chosen) {
@@ -472,21 +487,11 @@
       this.frame();
       pen.lineWidth = 0.7;
       this.fill(time);
-      const skin = rgb(paint.skin);
-      for (let n = 0; 3 * n < arrays.triangles.length; n++) {
-        let share = 0;
-        for (let corner = 3 * n; corner < 3 * n + 3; corner++) share += this.vertices[arrays.triangles[corner]] / 3;
-        pen.fillStyle = pen.strokeStyle = share > 0 ? "rgb(" + darker(skin, share).join() + ")" : paint.skin;
-        this.polygon(pen, arrays.surface_mm, arrays.triangles, n);
-        pen.fill();
-        pen.stroke();
-      }
-      arrays.cell_of_triangle.forEach((cell, n) => {
-        if (!this.cells[cell]) return;
-        pen.fillStyle = "rgb(" + darker(skin, this.cells[cell]).join() + ")";
-        this.polygon(pen, arrays.cell_mm, arrays.cell_triangles, n);
-        pen.fill();
-      });
+      const skin = rgb(paint.skin), { triangles } = arrays;
+      const mean = (n) => (this.vertices[triangles[n]] + this.vertices[triangles[n + 1]] + this.vertices[triangles[n + 2]]) / 3;
+      this.fillAll(pen, arrays.surface_mm, triangles, (n) => mean(3 * n), skin);
+      const pressed = (n) => this.cells[arrays.cell_of_triangle[n]] || -1;
+      this.fillAll(pen, arrays.cell_mm, arrays.cell_triangles, pressed, skin);
       this.drawUnits(pen, model, time, chosen, 1);
       const [x, y] = [20, height - 14];
       pen.fillStyle = paint.muted;
@@ -668,11 +673,12 @@
       const pen = context(this.canvas, width, height);
       pen.drawImage(this.still, 0, 0, width, height);
       const depth_mm = valueAt(model.depth, 0, model.entry.depth_dt_ms, time) / 1000;
+      const aside_mm = model.aside ? valueAt(model.aside, 0, model.entry.depth_dt_ms, time) / 1000 : 0;
       const line = arrays.probe_mm, last = line.length - 2;
       pen.beginPath();
-      pen.moveTo(...this.at(line[0], 9));
-      for (let n = 0; n < line.length; n += 2) pen.lineTo(...this.at(line[n], line[n + 1] - depth_mm));
-      pen.lineTo(...this.at(line[last], 9));
+      pen.moveTo(...this.at(line[0] + aside_mm, 9));
+      for (let n = 0; n < line.length; n += 2) pen.lineTo(...this.at(line[n] + aside_mm, line[n + 1] - depth_mm));
+      pen.lineTo(...this.at(line[last] + aside_mm, 9));
       pen.fillStyle = "rgba(77, 77, 77, 0.82)";
       pen.fill();
       const brightness = model.spikes.lit(time, new Float32Array(model.spikes.count));
@@ -952,5 +958,5 @@
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", later);
   choose(0);
   draw();
-  window.fembridgeExplorer = { state, arrays, DATA, moveTo, setPlaying, isInSpace: () => view === inSpace && inSpace !== null };
+  window.fembridgeExplorer = { state, arrays, DATA, moveTo, draw, setPlaying, isInSpace: () => view === inSpace && inSpace !== null };
 })();

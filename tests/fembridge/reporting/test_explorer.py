@@ -1,6 +1,7 @@
 """The page of `fembridge explore`: its numbers are those of the result, and a browser shows it."""
 
 import base64
+import html
 import json
 import re
 import shutil
@@ -144,6 +145,14 @@ def test_a_solved_run_has_a_page(tmp_path):
     assert explorer.arrays["spike_ms_0"].size > 20
 
 
+@pytest.mark.filterwarnings("ignore:parameter set fitted was fitted on:UserWarning")
+def test_a_map_of_a_pad_has_no_section():
+    result = fb.simulate("sine_20_100", response=fb.PadProbe())
+    explorer = fb.explore(result)
+    assert explorer.values["section"] is None
+    assert explorer.arrays["spike_ms_0"].size == len(result.spikes)
+
+
 @pytest.mark.filterwarnings("ignore:parameter set fitted_pad was fitted on finger:UserWarning")
 @pytest.mark.parametrize("pad", ["plane", "fingertip"])
 def test_every_kind_of_pad_has_a_page(pad):
@@ -160,6 +169,12 @@ def test_what_is_no_result_is_refused(simulation, tmp_path):
             fb.explore(wrong)
     with pytest.raises(UsageError):
         fb.explore(simulation).write()
+
+
+def test_a_notebook_shows_the_page(simulation):
+    explorer = fb.explore(simulation)
+    [page] = re.findall('srcdoc="([^"]*)"', explorer._repr_html_())
+    assert html.unescape(page) == explorer.to_html()
 
 
 def test_a_title_that_looks_like_markup_is_text(simulation, tmp_path):
