@@ -21,6 +21,7 @@ from fembridge.commands.options import (
     parse_window,
 )
 from fembridge.errors import FembridgeError, UsageError
+from fembridge.host.store import near_hint
 from fembridge.host.terminal import log
 
 if TYPE_CHECKING:
@@ -185,11 +186,15 @@ _OF_FILES = {
 
 
 def spelled_out(arguments: Sequence[str]) -> list[str]:
-    """Arguments with the picture ``all`` where a folder comes first: ``plot out``."""
+    """Arguments with the picture ``all`` where a folder comes first: ``plot out``.
+
+    A word that is no folder counts as one unless it resembles the name of a picture.
+    """
     words = list(arguments)
     at = words.index("plot") + 1
-    place = next((k for k in range(at, len(words)) if not words[k].startswith("-")), None)
-    if place is not None and words[place] not in {ALL, *_PICTURES} and Path(words[place]).is_dir():
+    first = next((word for word in words[at:] if not word.startswith("-")), ALL)
+    pictures = {ALL, *_PICTURES}
+    if first not in pictures and (Path(first).is_dir() or not near_hint(first, pictures)):
         words.insert(at, ALL)
     return words
 
