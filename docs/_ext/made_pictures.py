@@ -6,6 +6,7 @@ program. `docs/images/made` is not part of the repository.
 
 import os
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -172,7 +173,8 @@ def draw_pictures(app: Sphinx) -> None:
     for package in ("fembridge", "neural", "decks"):
         sources += (Path(app.srcdir).resolve().parent / package).rglob("*.py")
     newest = max(source.stat().st_mtime for source in sources)
-    with _folder_of_its_own():
+    with _folder_of_its_own(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "There are no gridspecs with layoutgrids")
         for name, draw in PICTURES.items():
             path = folder / f"{name}.png"
             if not path.is_file() or path.stat().st_mtime < newest:
