@@ -277,7 +277,13 @@ def _all(args: argparse.Namespace) -> dict[str, Any]:
 
     folder: Path = args.folder
     if not folder.is_dir():
-        raise UsageError("no such folder", folder, argument="folder")
+        if folder.exists():
+            problem = f"not a folder; `fembridge plot PICTURE {folder}` draws a file, with PICTURE"
+        else:
+            problem = "no such folder; a picture is named by"
+        expected = "a folder, or the name of a picture"
+        names = ", ".join(_PICTURES)
+        raise UsageError(f"{problem} {names}", folder, found=str(folder), expected=expected)
     output: Path = args.output or folder
     check_suffix(output / f"picture{args.suffix}")
     files, reasons = [], {}

@@ -182,3 +182,24 @@ def test_plot_of_a_folder_without_results_names_it(capsys):
     assert "empty" in capsys.readouterr().err
     assert main(["plot", "rastr", "out"]) == 2
     assert "raster" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ("plot nowhere", "nowhere: no such folder; a picture is named by mesh, response, trace"),
+        ("plot xy.csv", "xy.csv: not a folder; `fembridge plot PICTURE xy.csv` draws a file"),
+        ("report nowhere", "nowhere: folder does not exist, expected: a run folder"),
+        ("report empty", "empty: folder is none of these: a run folder"),
+        ("explore nowhere", "nowhere: no such folder, expected: a "),
+        ("explore xy.csv", "xy.csv: is none of these: a "),
+        ("sweep xy.csv", "x is no column of a table of touches; expected an argument of"),
+    ],
+)
+@pytest.mark.usefixtures("here")
+def test_a_wrong_path_or_table_gets_one_line_with_the_way_out(words, line, capsys):
+    Path("empty").mkdir()
+    Path("xy.csv").write_text("x,y\n1,2\n", encoding="utf-8")
+    assert main(shlex.split(words)) == (1 if words.startswith("sweep") else 2)  # 1: its contents
+    [printed] = capsys.readouterr().err.splitlines()
+    assert line in printed
