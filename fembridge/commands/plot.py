@@ -27,7 +27,7 @@ from fembridge.host.terminal import log
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from fembridge.io.spike_table import Rate
+    from fembridge.io.spike_table import Rate, SpikeTrain
     from fembridge.simulation.folder import FolderStimuli
     from fembridge.stimulus import Stimulus
 
@@ -437,13 +437,12 @@ def _trace(args: argparse.Namespace) -> "Drawn":
 
 def _spikes(args: argparse.Namespace) -> "Drawn":
     """Raster, PSTH or intervals of a table of spikes, with the stimuli that its folder knows."""
-    from fembridge.io.spike_table import read_spikes
     from fembridge.plots import spike_figures
     from fembridge.simulation.folder import SPIKES_FILE, FolderStimuli, find_file, stimuli_in
     from fembridge.trace import AFFERENTS
 
     path = find_file(args.table, (SPIKES_FILE,), "simulate and encode leave it")
-    trains = read_spikes(path)
+    trains = _trains(path)
     rows = stimuli_in_table = list(dict.fromkeys(train.stimulus for train in trains))
     recorded = stimuli_in(path.parent)
     if recorded.stimuli and all(map(recorded.stimulus, stimuli_in_table)):
@@ -486,6 +485,16 @@ def _spikes(args: argparse.Namespace) -> "Drawn":
     plot_options["window_ms"] = windows_ms.pop() if len(windows_ms) == 1 else None
     draw = spike_figures.raster_figure if args.picture == "raster" else spike_figures.psth_figure
     return draw(**plot_options), summary
+
+
+def _trains(path: Path) -> "list[SpikeTrain]":
+    """Spikes of a table; of a touch also the silent units, which its table does not have."""
+    from fembridge.io.spike_table import read_spikes
+    from fembridge.touching.touch_result import RECORD_FILE, SPIKES_FILE, Touch
+
+    if path.name == SPIKES_FILE and (path.parent / RECORD_FILE).is_file():
+        return list(Touch.read(path.parent).trains())
+    return read_spikes(path)
 
 
 def _rows_named(texts: list[str], available: list[str], *, is_complete: bool) -> list[str]:
