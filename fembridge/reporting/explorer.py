@@ -192,9 +192,9 @@ def explore(result: Explorable) -> Explorer:
         return _of_simulation(Simulation.read(folder), folder)
     if (folder / RUN_FILE).is_file():
         return _of_run(folder)
-    problem = "has none of their files" if folder.exists() else "no such folder"
+    problem = "is none of these" if folder.exists() else "no such folder, expected"
     raise UsageError(
-        f"{problem}: expected {_EXPECTED}",
+        f"{problem}: {_EXPECTED}",
         folder,
         expected=_EXPECTED,
     )
