@@ -52,7 +52,7 @@ _WAVEFORM_IN, _MARGINS_IN, _LEGEND_IN, _NOTE_IN, _MIN_HEIGHT_IN = 0.5, 0.62, 0.2
 _NAME_IN, _SMALL_ROW_IN = 1.6, 0.13
 # Share of a row that its spikes or its histogram fill.
 _RASTER_SHARE, _HISTOGRAM_SHARE = 0.78, 0.86
-_MOST_SCALES = 8  # of more rows the first has the axis
+_MOST_SCALES = 8  # with more rows their height is printed: an axis would not fit
 _DENSE_LINE_PT = 0.65
 # Space on the right of the longest interval for the number of intervals.
 _ISI_MARGIN = 1.22
@@ -111,8 +111,8 @@ def psth_figure(
     """Rate in bins of `bin_ms` (default 5 ms), mean over the cells or trials of `trains`.
 
     A silent cell counts if it is among `trains`. All rows of a class share a scale, the axis on
-    the right of the panel. The other arguments are those of `raster_figure`. Raises UsageError:
-    nothing to draw, no bin width or too many bins.
+    the right of the panel, of many rows printed above it. The other arguments are those of
+    `raster_figure`. Raises UsageError: nothing to draw, no bin width or too many bins.
     """
     trains = list(trains)
     rows, classes = _rows_and_classes(trains, stimuli, afferents)
@@ -361,7 +361,11 @@ def _histograms(
     `histograms` are by class and row; the axis of a row is in `unit`, `per_value` of a value.
     """
     tops = [max(float(row_values.max()) for row_values in of_class) for of_class in histograms]
-    notes = [unit if top else "none" for top in tops]
+    has_scales = len(rows) <= _MOST_SCALES
+    notes = [
+        "none" if not top else unit if has_scales else f"rows: 0 to {per_value * top:.3g} {unit}"
+        for top in tops
+    ]
     figure, panels = _grid(rows, classes, _HISTOGRAM_IN, x_axis, notes, **options)
     bin_ends = np.repeat(edges_ms, 2)[1:-1]
     for afferent, panel, of_class, top in zip(classes, panels, histograms, tops, strict=True):
@@ -372,7 +376,7 @@ def _histograms(
             panel.axhline(floor, color=FAINT, linewidth=HAIR_PT, zorder=0)
             above = floor - _HISTOGRAM_SHARE * height
             panel.fill_between(bin_ends, floor, above, where=height > 0, clip_on=False, **style)
-            if top and (row == 0 or len(rows) <= _MOST_SCALES):
+            if top and has_scales:
                 _draw_scale(panel, floor, per_value * top)
     return figure, panels
 
