@@ -212,7 +212,7 @@ def _verdict(met: bool) -> str:
 
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "how_to" / "results.md"
+PAGE = ROOT / "docs" / "science" / "reading_speed.md"
 MARKS = ("<!-- benchmark -->", "<!-- /benchmark -->")
 MEGABYTES, QUICK_MEGABYTES = 300.0, 30.0
 ROUNDS, QUICK_ROUNDS = 7, 3
@@ -292,7 +292,7 @@ def main() -> None:
         type=Path,
         const=PAGE,
         metavar="PAGE",
-        help="write the output into docs/how_to/results.md, or PAGE",
+        help="write the output into docs/science/reading_speed.md, or PAGE",
     )
     args = parser.parse_args()
     megabytes = args.megabytes or (QUICK_MEGABYTES if args.quick else MEGABYTES)

@@ -19,6 +19,7 @@ import numpy as np
 from decks.stimuli import resolve
 from decks.synthesis import make_stimulus
 from fembridge.touching.contact import ContactSolver, blas_threads
+from fembridge.touching.large_strain import SMALL_UM
 from fembridge.touching.pad_file import resolve_pad
 from fembridge.touching.population import Population
 from fembridge.touching.ridged_pad import with_ridges
@@ -26,6 +27,7 @@ from fembridge.touching.shape import Shape
 from fembridge.touching.touch import touch_skin
 from fembridge.touching.trajectory import PinArray, Trajectory
 from neural import parameter_set
+from neural.compiled import compile_for
 
 REPEATS = int(sys.argv[1]) if sys.argv[1:] and sys.argv[1].isdigit() else 3
 PAD = resolve_pad("reference")
@@ -116,6 +118,7 @@ def touchsim_jobs():
 
 
 def five_jobs():
+    compile_for(10_000_000)  # as after some touches
     print(f"{len(UNITS_958)} afferents, seconds of processor")
     sine = Trajectory.from_waveform(wave("sine_20_129.49"))
     scan = Trajectory.slide(40.0, press_um=300, duration_ms=1000)
@@ -138,11 +141,18 @@ def loop_table(count=200):
     """One shape pressed `count` times, to another depth each."""
     units = Population.fingertip()
     depths_um = np.linspace(100, 500, count)
+    is_shallow = depths_um <= SMALL_UM
     for name, shape in (("a punch", Shape.punch()), ("braille b", Shape.braille("b"))):
-        begin = time.process_time()
+        taken = []
         for depth_um in depths_um:
+            begin = time.process_time()
             touched(shape, Trajectory.press(press_um=float(depth_um)), units)()
-        print(f"{count} presses of {name}: {time.process_time() - begin:.1f} s")
+            taken.append(time.process_time() - begin)
+        shallow, deep = (np.median(np.array(taken)[some]) for some in (is_shallow, ~is_shallow))
+        print(
+            f"{count} presses of {name}: {sum(taken):.1f} s; median up to 300 um {shallow:.3f} s, "
+            f"deeper {deep:.3f} s"
+        )
 
 
 def threads_table():

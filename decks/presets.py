@@ -60,6 +60,12 @@ def mesh_of(finger: Finger) -> Mesh:
     ------
     MissingError, FingerError
         The finger needs a new mesh; see `decks.mesher.mesh_finger`.
+
+    Examples
+    --------
+    >>> import decks
+    >>> len(decks.mesh_of(decks.PRESETS["quick"]).quad)
+    3100
     """
     for preset in PRESETS.values():
         if finger == replace(preset, name=finger.name, materials=finger.materials):
@@ -88,6 +94,12 @@ def read_finger(preset_or_path: str) -> Finger:
         No such preset or file.
     FingerError
         Not TOML, an unknown key (near ones are named), or a value that cannot be.
+
+    Examples
+    --------
+    >>> import decks
+    >>> decks.read_finger("paper").name
+    'paper'
     """
     return preset_or_file(preset_or_path, PRESETS, finger_from)
 

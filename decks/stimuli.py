@@ -304,6 +304,12 @@ def resolve(selection: str | Iterable[str]) -> tuple[Entry, ...]:
     StimulusError
         A selection that is empty or no text, an unknown name (the message lists similar names),
         or a number outside its range.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> len(fb.resolve("all")), [entry.id for entry in fb.resolve("noise_5_25")][:2]
+    (82, ['noise_5_25_0.5', 'noise_5_25_1'])
     """
     texts = [selection] if isinstance(selection, str) else selection
     if not (isinstance(texts, Iterable) and all(isinstance(text, str) for text in texts)):

@@ -75,6 +75,13 @@ def make_stimulus(
     StimulusError
         An id of no or several stimuli, a negative `preindent_um` or `seed`, or samples that all
         round to zero.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> stimulus = fb.make_stimulus("sine_20_250", preindent_um=75)
+    >>> stimulus.displacement_um.size, float(stimulus.displacement_um.max())
+    (501, 325.0)
     """
     finer = round(DT_MS / dt_ms) if 0 < dt_ms <= DT_MS else 0
     if not finer or abs(finer * dt_ms - DT_MS) > 1e-9:

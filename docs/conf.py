@@ -29,9 +29,13 @@ extensions = [
     "sphinx_copybutton",
     "formulas",
     "playground",
+    "explored_touch",
     "verb_pages",
+    "made_pictures",
 ]
-exclude_patterns = ["_build", "playground", "examples", "examples_*"]
+templates_path = ["_templates"]  # a class with all its methods on one page
+exclude_patterns = ["_build", "_templates", "playground", "examples", "examples_*"]
+smartquotes = False  # two hyphens begin an option
 suppress_warnings = ["config.cache"]  # the gallery's configuration holds functions
 
 # Pages
@@ -58,6 +62,7 @@ sphinx_gallery_conf = {
     "min_reported_time": 3600,
     "download_all_examples": False,
     "plot_gallery": True,
+    "thumbnail_size": (560, 380),
     "abort_on_example_error": True,
     "remove_config_comments": True,
     "matplotlib_animations": False,
@@ -83,5 +88,5 @@ html_theme_options = {
     "show_toc_level": 2,
     "navigation_with_keys": False,
 }
-html_sidebars = {"index": [], "start": []}
+html_sidebars = {"index": [], "start": [], "gallery/index": []}
 copybutton_exclude = ".linenos, .gp, .go"

@@ -49,6 +49,8 @@ if TYPE_CHECKING:
     from fembridge.io.waveform import Waveform
     from fembridge.reporting.deflect import Deflections as Deflections
     from fembridge.reporting.deflect import deflect
+    from fembridge.reporting.explorer import Explorer as Explorer
+    from fembridge.reporting.explorer import explore
     from fembridge.reporting.folder_page import Report as Report
     from fembridge.reporting.folder_report import report
     from fembridge.reporting.validation import Validation as Validation
@@ -60,6 +62,8 @@ if TYPE_CHECKING:
     from fembridge.results import read_fields as read_fields
     from fembridge.results import read_history as read_history
     from fembridge.results.vtu import write_vtu_series as write_vtu_series
+    from fembridge.simulation.calibrate import Calibration as Calibration
+    from fembridge.simulation.calibrate import calibrate
     from fembridge.simulation.deck_response import DeckResponse as DeckResponse
     from fembridge.simulation.deck_response import map_deck, map_response
     from fembridge.simulation.encode import encode
@@ -106,6 +110,7 @@ __all__ = [  # noqa: RUF022 - the main job first, then from deck to spikes, then
     "run",
     "read",
     "encode",
+    "calibrate",
     "export_c",
     "touch",
     "touch_many",
@@ -120,6 +125,7 @@ __all__ = [  # noqa: RUF022 - the main job first, then from deck to spikes, then
     "verify",
     "deflect",
     "report",
+    "explore",
     "sample",
     "Stimulus",
     "Waveform",
@@ -149,6 +155,7 @@ _HOMES = {
         ("fembridge.simulation.deck_response", "map_deck map_response DeckResponse"),
         ("fembridge.simulation.encode", "encode"),
         ("fembridge.simulation.encoding", "Encoding"),
+        ("fembridge.simulation.calibrate", "calibrate Calibration"),
         ("neural.c_header", "export_c"),
         ("fembridge.solver.deck", "build_deck rebase_deck"),
         ("fembridge.solver.check", "check DeckCheck"),
@@ -176,6 +183,7 @@ _HOMES = {
         ("fembridge.reporting.deflect", "deflect Deflections"),
         ("fembridge.reporting.folder_report", "report"),
         ("fembridge.reporting.folder_page", "Report"),
+        ("fembridge.reporting.explorer", "explore Explorer"),
         ("fembridge.solver.settings", "Solver"),
         ("fembridge.stimulus", "Stimulus"),
         ("fembridge.trace", "StressTrace"),

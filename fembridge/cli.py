@@ -74,6 +74,7 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
         "ingest": "read stress traces from the results of a solver",
         "export-script": "print a script that exports traces inside Mentat or Abaqus",
         "encode": "turn stress traces into spikes and firing rates",
+        "calibrate": "find the gain of a robot's sensor from one press",
         "export-c": "write the encoder as one C header, for microcontrollers",
     },
     "parameters and evidence": {
@@ -88,6 +89,7 @@ _GROUPS: Mapping[str, Mapping[str, str]] = {
         "plot": "draw a mesh, a response, a raster and other pictures",
         "sample": "write sample results, a deck, a signal or rates: a first try without a solver",
         "report": "write a page on a run, a simulation, a touch, a map or a pad",
+        "explore": "write a page that plays a touch, a simulation or a solved run",
         "pad": "make the pad file of your own finger, for touch and receptive-field",
         "cache": "list or clear the results of earlier solver runs",
         "doctor": "list what is installed and what is missing",

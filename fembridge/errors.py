@@ -50,6 +50,15 @@ class FembridgeError(Exception):
         Key of a table or of a file at fault, as ``skin.epidermis_mm``. Default: None.
     found, expected
         The value at fault, and a text of what is accepted. Default: None.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> try:
+    ...     fb.simulate("sine_20_25O", stored=True)
+    ... except fb.FembridgeError as error:
+    ...     error.found
+    'sine_20_25O'
     """
 
     exit_code = 1
@@ -139,7 +148,15 @@ class FembridgeError(Exception):
 
 
 class FembridgeWarning(UserWarning):
-    """A result that is doubtful; a command prints it as a line on stderr."""
+    """A result that is doubtful; a command prints it as a line on stderr.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> import fembridge as fb
+    >>> warnings.simplefilter("error", fb.FembridgeWarning)  # a doubt ends the program
+    >>> warnings.simplefilter("default", fb.FembridgeWarning)
+    """
 
 
 def check_type(argument: str, value: object, kind: type) -> None:

@@ -76,6 +76,7 @@ RANGES: Mapping[str, Range] = {
     "duration_ms": Range(10, 60_000),
     "endings_mm": Range(0, 3),
     "evaluations": _COUNT,
+    "event_grid_mm": Range(ABOVE_ZERO, 1000),
     "forces_step_ms": Range(0, 60_000),
     "frames": Range(0, _HIGH, is_whole=True),
     "frequency_hz": Range(ABOVE_ZERO, 1000),

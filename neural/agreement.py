@@ -41,7 +41,14 @@ class Regression:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """Regression, RMSE and bias (predicted minus observed), rates in impulses/s."""
+    """Regression, RMSE and bias (predicted minus observed), rates in impulses/s.
+
+    Examples
+    --------
+    >>> from neural import agreement
+    >>> agreement([1.0, 2.0, 3.0], [1.0, 2.0, 4.0]).regression.count
+    3
+    """
 
     regression: Regression
     rmse_ips: float

@@ -133,6 +133,15 @@ def encode_cells(
 
     Arguments and errors are those of `encode`. The list has one entry per condition,
     a list with one array per cell. The rate of the population is the mean over cells.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from neural import encode_cells, parameter_set
+    >>> stress_pa = 20e3 * (1 - np.cos(0.3 * np.arange(0, 200, 0.1)))
+    >>> (cells_ms,) = encode_cells(stress_pa, 0.1, parameter_set("fitted").parameters["RA"])
+    >>> len(cells_ms), cells_ms[0].size > cells_ms[-1].size
+    (10, True)
     """
     class_parameters = {parameters.afferent: parameters}
     stress = {parameters.afferent: stress_pa}
@@ -152,6 +161,15 @@ def encode_afferents(
     `stress_pa` has the stress of each class, ``(T,)`` or ``(T, condition)`` with the same T.
     The other arguments and the errors are those of `encode`; the result has one entry per
     class, as `encode_cells` returns it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from neural import PUBLISHED, encode_afferents
+    >>> stress_pa = 5e3 * (1 - np.cos(0.3 * np.arange(0, 200, 0.5)))
+    >>> spikes_ms = encode_afferents({"SA": stress_pa, "RA": stress_pa}, 0.5, PUBLISHED)
+    >>> len(spikes_ms["SA"]), len(spikes_ms["SA"][0])
+    (1, 1)
     """
     checked = {name: checked_stress(stress) for name, stress in stress_pa.items()}
     if len({len(stress) for stress in checked.values()}) != 1:

@@ -56,9 +56,9 @@ SLOW_HZ = 100.0
 # Up to this number of columns, a recursion in Python is faster than one in NumPy.
 _FEW_COLUMNS = 10
 
-# Added to the output of a recursion and taken away again, which makes numbers below 1e-216 zero and
-# leaves all above 1e-184 as they are: where a stress is held, filters would decay to denormal
-# numbers, with which a processor is ten times as slow.
+# Added to the output of a recursion and taken away again, which leaves numbers above 1e-184 as they
+# are and smaller ones as multiples of 1e-216: where a stress is held, filters would decay to
+# denormal numbers, with which a processor is ten times as slow.
 _FLUSH = 1e-200
 
 # Numbers of samples before and after t that a derivative at t reads.

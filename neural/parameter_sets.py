@@ -78,6 +78,12 @@ class ParameterSet:
     mechanics
         Mechanics of the fit: ``name`` of the model, and ``sha256`` unless it is a preset; of a
         probe on a pad also ``pad``, ``ridges`` and ``probe``. Default: empty, as of Table 2.
+
+    Examples
+    --------
+    >>> from neural import parameter_set
+    >>> parameter_set("fitted").parameters["RA"].drive
+    'two_way'
     """
 
     name: str
@@ -236,6 +242,12 @@ def parameter_set(source: str | Path | ParameterSet) -> ParameterSet:
         Neither the name of a set nor a file.
     ParameterError
         The file is missing or not TOML; an unknown section or key, or a value out of range.
+
+    Examples
+    --------
+    >>> from neural import parameter_set
+    >>> parameter_set("published").parameters["SA"].tau_ms
+    32.14
     """
     if isinstance(source, ParameterSet):
         return source

@@ -47,6 +47,12 @@ class AfferentParameters:
     the population, and `spread` is the standard deviation of the logarithm of their
     sensitivity to stress. A spike adds `jump_mv` to the threshold, which decays with the
     time constant `recovery_ms`. The paper has one cell and a fixed threshold.
+
+    Examples
+    --------
+    >>> from neural import PUBLISHED
+    >>> PUBLISHED["SA"].tau_ms, PUBLISHED["SA"].threshold_mv
+    (32.14, -50.0)
     """
 
     afferent: ClassVar[str]

@@ -25,12 +25,26 @@ def spikes_inside(spike_times_ms: ArrayLike, window_ms: tuple[float, float]) -> 
 
 
 def rate_ips(spike_times_ms: ArrayLike, window_ms: tuple[float, float]) -> float:
-    """Firing rate in a window, in impulses/s."""
+    """Firing rate in a window, in impulses/s.
+
+    Examples
+    --------
+    >>> from neural import rate_ips
+    >>> rate_ips([20.0, 40.0, 130.0], (0, 100))
+    20.0
+    """
     return mean_rate_ips([spike_times_ms], window_ms)
 
 
 def mean_rate_ips(cells_ms: Sequence[ArrayLike], window_ms: tuple[float, float]) -> float:
-    """Mean rate in impulses/s of cells, from the spike times of each cell in ms."""
+    """Mean rate in impulses/s of cells, from the spike times of each cell in ms.
+
+    Examples
+    --------
+    >>> from neural import mean_rate_ips
+    >>> mean_rate_ips([[20.0, 40.0], [30.0]], (0, 100))
+    15.0
+    """
     start, end = window_ms
     if not start < end:
         raise ParameterError(argument="window_ms", found=(start, end), expected="start < end")

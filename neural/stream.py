@@ -51,6 +51,14 @@ class StreamSpike(NamedTuple):
     """A spike of a cell: its time in ms, class, channel from 0, and cell from 0.
 
     Cell 0 is the most sensitive of its class.
+
+    Examples
+    --------
+    >>> from neural import Stream
+    >>> stream = Stream("fitted", dt_ms=0.1)
+    >>> [spike, *_] = stream.push([0.0, 20_000.0] * 50)
+    >>> spike.afferent, spike.channel
+    ('PC', 0)
     """
 
     time_ms: float

@@ -1,11 +1,13 @@
 """A headless Chromium that a test drives through its pipe: pages, scripts, mouse, pictures."""
 
 import base64
+import fcntl
 import json
 import os
 import select
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -20,9 +22,13 @@ FLAGS = (
     "--disable-component-update",
     "--disable-sync",
     "--disable-dev-shm-usage",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
     "--remote-debugging-pipe",
 )
 PATIENCE_S = 120.0
+START = "import os, sys; ends = map(int, sys.argv[1:3]); [os.dup2(end, 3 + k) for k, end in "
+START += "enumerate(ends)]; os.execv(sys.argv[3], sys.argv[3:])"
 
 
 def find_chromium():
@@ -37,21 +43,14 @@ class Chromium:
         self.profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         to_browser, self._out = os.pipe()
         self._in, from_browser = os.pipe()
-        # dup2 below must not overwrite a pipe that is still to be copied
-        ends = [os.dup(end) for end in (to_browser, from_browser)]
-        while min(ends) < 5:
-            ends = [os.dup(end) for end in ends]
-
-        def connect():
-            os.dup2(ends[0], 3)
-            os.dup2(ends[1], 4)
-
+        # Chromium reads from 3 and writes to 4; the ends are above them.
+        ends = [fcntl.fcntl(end, fcntl.F_DUPFD, 10) for end in (to_browser, from_browser)]
+        command = [find_chromium(), *FLAGS, *flags, f"--user-data-dir={self.profile.name}"]
         self.process = subprocess.Popen(
-            [find_chromium(), *FLAGS, *flags, f"--user-data-dir={self.profile.name}"],
+            [sys.executable, "-S", "-c", START, *map(str, ends), *command],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            preexec_fn=connect,
-            pass_fds=(3, 4),
+            pass_fds=ends,
         )
         for end in (to_browser, from_browser, *ends):
             os.close(end)

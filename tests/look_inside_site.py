@@ -11,7 +11,11 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 OUTSIDE = re.compile(r"\s*(?:https?:|wss?:|ftp:)?//", re.IGNORECASE)
-LOADED = {
+LINKS = {"canonical", "author", "license", "next", "prev", "search", "index", "help"}
+"""Relations of ``<link>`` that a browser does not load."""
+NOT_LOADED = {("a", "href"), ("area", "href"), ("meta", "content"), ("blockquote", "cite")}
+"""Attributes whose address a browser does not load by itself."""
+FILES = {
     "audio": ("src",),
     "embed": ("src",),
     "iframe": ("src",),
@@ -26,14 +30,13 @@ LOADED = {
     "use": ("href", "xlink:href"),
     "video": ("src", "poster"),
 }
-LINKS = {"canonical", "author", "license", "next", "prev", "search", "index", "help"}
-"""Relations of ``<link>`` that a browser does not load."""
+"""Attributes that name files of the site."""
+LISTS = {"srcset", "imagesrcset"}
 CSS = re.compile(r"(?:@import\s+[\"']?|url\(\s*[\"']?)((?:https?:)?//[^\"')\s]+)", re.IGNORECASE)
-SCRIPT = re.compile(
-    r"(?:fetch|import|importScripts|Worker|WebSocket|EventSource|sendBeacon)\s*\(\s*"
-    r"[\"'`]((?:https?:|wss?:)?//[^\"'`]+)"
-    r"|(?:\.src\s*=|\bfrom|\bimport)\s*[\"'`]((?:https?:)?//[^\"'`]+)"
-)
+COMMENT = re.compile(r"/\*.*?\*/|(?<![:\\\"'`\w])//[^\n]{0,300}$", re.DOTALL | re.MULTILINE)
+SCRIPT = re.compile(r"[\"'`]((?:(?:https?|wss?|ftp):)?//[\w-]+\.[\w.-]+[^\"'`\s]*)", re.IGNORECASE)
+NAMES = ("http://www.w3.org/",)
+"""Beginnings of addresses that are names, such as those of SVG and MathML."""
 
 
 class Page(HTMLParser):
@@ -50,19 +53,21 @@ class Page(HTMLParser):
         """Sort the addresses of one tag."""
         values = {name: value or "" for name, value in attrs}
         self.inside = tag
-        self.outside += CSS.findall(values.get("style", ""))
         if tag == "a" and "href" in values:
             self._file(values["href"])
         if tag == "link" and set(values.get("rel", "").split()) & LINKS:
             return
-        for name in LOADED.get(tag, ()):
-            value = values.get(name, "")
-            parts = value.split(",") if name == "srcset" else [value]
-            for address in (part.strip().split(" ")[0] for part in parts if part.strip()):
-                if OUTSIDE.match(address):
-                    self.outside.append(address)
-                else:
-                    self._file(address)
+        for name, value in values.items():
+            if name == "style":
+                self.outside += CSS.findall(value)
+            elif name.startswith("on"):
+                self.outside += loaded_by_script(value)
+            elif name == "srcdoc":
+                self.outside += Page(value).outside
+            elif (tag, name) not in NOT_LOADED and not name.startswith("xmlns"):
+                self._loaded(value, name in LISTS, name in FILES.get(tag, ()))
+        if tag == "meta" and values.get("http-equiv", "").lower() == "refresh":
+            self.outside += re.findall(r"(?:https?:)?//\S+", values.get("content", ""))
 
     def handle_endtag(self, tag: str) -> None:
         """Leave a script or a style."""
@@ -75,6 +80,14 @@ class Page(HTMLParser):
         elif self.inside == "script":
             self.outside += loaded_by_script(data)
 
+    def _loaded(self, value: str, is_list: bool, is_file: bool) -> None:
+        parts = value.split(",") if is_list else [value]
+        for address in (part.strip().split(" ")[0] for part in parts if part.strip()):
+            if OUTSIDE.match(address):
+                self.outside.append(address)
+            elif is_file:
+                self._file(address)
+
     def _file(self, address: str) -> None:
         parts = urlsplit(address)
         if not parts.scheme and not parts.netloc and parts.path:
@@ -82,8 +95,9 @@ class Page(HTMLParser):
 
 
 def loaded_by_script(text: str) -> list[str]:
-    """Outside addresses that a script loads when it runs."""
-    return [first or second for first, second in SCRIPT.findall(text)]
+    """Outside addresses in the strings of a script: it may load them when it runs."""
+    found = SCRIPT.findall(COMMENT.sub(" ", text))
+    return [address for address in found if not address.startswith(NAMES)]
 
 
 def faults_of(folder: Path) -> list[str]:

@@ -6,6 +6,8 @@ A probe vibrates at 20 and 100 Hz on the reference finger. The stored response o
 no solver.
 """
 
+# sphinx_gallery_tags = ["start", "vibration"]
+
 import fembridge as fb
 
 result = fb.simulate(["sine_20_250", "sine_100_200"], stored=True)

@@ -166,11 +166,10 @@
   function waveform(state) {
     const ramp_ms = 3 * REST_MS + 2 * state.up_ms + state.hold_ms;
     const duration_ms = { ramp: ramp_ms, own: OWN_MS }[state.kind] || DURATION_MS;
-    const is_file = state.kind === "noise" || state.kind === "own";
-    const step_ms = is_file ? FILE_MS : STEP_MS, samples = Math.round(duration_ms / step_ms) + 1;
+    const file_samples = Math.round(duration_ms / FILE_MS) + 1;
     let window_ms = LONG_MS, wave = null, is_cut = false;
-    if (state.kind === "noise") wave = noise(state, samples);
-    if (state.kind === "own") wave = smoothed(state.own_um, samples);
+    if (state.kind === "noise") wave = noise(state, file_samples);
+    if (state.kind === "own") wave = smoothed(state.own_um, file_samples);
     if (state.kind === "sine" && state.frequency_hz >= SLOW_SINE_HZ) window_ms = SHORT_MS;
     if (state.kind === "ramp" || state.kind === "own") window_ms = [0, duration_ms];
     const fall_ms = REST_MS + state.up_ms + state.hold_ms, speed = state.depth_um / state.up_ms;
@@ -184,14 +183,19 @@
         return Math.max(0, Math.min((t - REST_MS) * speed, state.depth_um, down));
       },
     }[state.kind];
-    const rest_um = state.kind === "own" ? 0 : state.preindent_um, file_um = new Float64Array(samples);
-    for (let n = 0; n < samples; n++) {
-      const depth = rounded(rest_um + rounded(is_file ? wave[n] : valueOf(n * step_ms)));
-      is_cut = is_cut || depth > DATA.deepest_um;
-      file_um[n] = Math.min(depth, DATA.deepest_um);
-    }
+    const rest_um = state.kind === "own" ? 0 : state.preindent_um;
+    const depths = (step_ms) =>
+      Float64Array.from({ length: Math.round(duration_ms / step_ms) + 1 }, function (_, n) {
+        const depth = rounded(rest_um + rounded(wave ? wave[n] : valueOf(n * step_ms)));
+        is_cut = is_cut || depth > DATA.deepest_um;
+        return Math.min(depth, DATA.deepest_um);
+      });
+    /* What no id names is a file: noise, a drawing, and a waveform that was cut. */
+    let file_um = wave ? null : depths(STEP_MS);
+    const is_file = Boolean(wave || is_cut);
+    if (is_file) file_um = depths(FILE_MS);
     const depth_um = is_file ? interpolated(file_um) : file_um;
-    return { depth_um, file_um, step_ms, window_ms, duration_ms, is_cut };
+    return { depth_um, file_um, is_file, step_ms: is_file ? FILE_MS : STEP_MS, window_ms, duration_ms, is_cut };
   }
 
   /* ---- Stress and spikes */
@@ -265,7 +269,7 @@
 
   /* The command that repeats the picture; a waveform without an id is a file. */
   function commandLine(state, wave) {
-    const id = stimulusId(state), words = ["fembridge simulate --stimulus"];
+    const id = wave.is_file ? null : stimulusId(state), words = ["fembridge simulate --stimulus"];
     words.push(id || "waveform.csv");
     const rest_um = id ? state.preindent_um : wave.depth_um[0];
     if (id ? rest_um !== DATA.preindent_um : rest_um === 0)
@@ -680,12 +684,13 @@
       const xOf = (n) => LEFT + ((n * STEP_MS) / duration_ms) * (width - LEFT - RIGHT);
       const yOf = (depth) => bottom - ((depth - low) / (high - low)) * (bottom - top);
       const used = write(pen, "Probe", LEFT, 14, paint.ink, 14, "left", "bold");
-      write(pen, "depth in µm", LEFT + used + 8, 14, paint.muted, 13);
       let right = is_cut ? "as deep as the stored response: " + short(DATA.deepest_um) + " µm" : "";
       if (this.cursor_ms !== null) {
         const n = Math.min(Math.round(this.cursor_ms / STEP_MS), depth_um.length - 1);
         right = short(depth_um[n]) + " µm at " + short(this.cursor_ms) + " ms";
       }
+      const note = "depth in µm" + (low < 0 && width > 520 ? "; below 0 off the skin" : "");
+      if (width > 520 || !is_cut || this.cursor_ms !== null) write(pen, note, LEFT + used + 8, 14, paint.muted, 13);
       write(pen, right, width - RIGHT, 14, paint.ink, 13, "right");
       this.shadeOutside(pen, width, top, bottom, paint);
       for (const value of low < 0 ? [low, 0, high] : [0, high / 2, high]) {
@@ -694,7 +699,6 @@
         line(pen, LEFT, y, width - RIGHT, y, value === 0 ? paint.muted : paint.faint);
         write(pen, String(value).replace("-", "−"), LEFT - 6, y + 4, paint.muted, AXIS, "right");
       }
-      if (low < 0) write(pen, "off the skin", LEFT + 6, Math.min(yOf(0) + 13, bottom - 1), paint.muted, AXIS);
       curve(pen, depth_um, xOf, yOf, paint.ink, 2);
       this.drawCursor(pen, width, top, bottom, paint);
     }

@@ -11,8 +11,10 @@ in any even step. The output folder gets
   stress.npz  the encoded stress
   encoding.toml  inputs and versions; fembridge.Encoding.read reads the folder
   raster.png  the spikes, a panel for each class
-The signal of a robot's sensor is a table, too: --columns names its time and value,
---gain-pa is the stress in Pa of a value of 1, --afferent the classes that feel it.
+The signal of a robot's sensor is a table, too: a column of time, and each other column of
+numbers as a channel, are recognised, or named by --columns. --calibration is the file that
+`fembridge calibrate` makes of one press; --gain-pa states the stress in Pa of a value of 1. Samples
+at uneven times are put on an even grid, and a channel is felt by all classes (--afferent selects).
 The file that ingest writes next to the table (CSV.toml) describes its run: the name of
 the stimulus, the window in which spikes count, the parameters. Without it the parameters
 are fitted, for a probe at a pre-indentation of 75 um; published are those of Ishizuka et
@@ -22,6 +24,7 @@ mean over the cells.
 
 import argparse
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +35,7 @@ from fembridge.commands.options import (
     add_from,
     add_output_option,
     parse_column,
+    parse_gain,
     parse_window,
     words_of,
 )
@@ -67,14 +71,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="columns of another table: time (in s, or as its name ends: _ms, _us) or time_ms, "
         "value (each is a trace), afferent, unit, node, stimulus",
     )
-    gain = "stress of a value of 1 (default: by the end of the column's name: _pa, _kpa, _mpa)"
+    gain = "stress of a value of 1, of all classes or by class, as SA=2e4,PC=400 (default: by the "
+    gain += "end of the column's name: _pa, _kpa, _mpa)"
     add_from(
         parser,
         encode,
         parameters=("NAME", parameters),
         stimulus=("ID", stimulus),
-        gain_pa=("PA", gain),
-        resample_ms=("MS", "put samples on an even grid of this step, by PCHIP"),
+        gain_pa=({"type": parse_gain, "metavar": "PA"}, gain),
+        calibration=("FILE", "gains and offset of a sensor, of `fembridge calibrate`"),
+        resample_ms=(
+            "MS",
+            "put samples on an even grid of this step, by PCHIP (default: of a sensor at uneven "
+            "times 0.5, or 0.1 if it is faster)",
+        ),
         derivative=(("backward", "central", "forward"), "scheme of the stress derivatives"),
     )
     window_help = "count spikes after START up to END (default: the window of the run, else of "
@@ -82,6 +92,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--window-ms", type=parse_window, metavar="START:END", help=window_help)
     add_export_option(parser)
     add("--no-raster", action="store_true", help="write only the tables")
+
+
+def columns_by_key(pairs: Sequence[tuple[str, str]] | None) -> dict[str, list[str]] | None:
+    """Names of the option ``--columns`` by key; None without the option."""
+    columns: dict[str, list[str]] = {}
+    for key, name in pairs or ():
+        columns.setdefault(key, []).append(name)
+    return columns or None
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -93,11 +111,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from neural.rates import spikes_inside
 
     require_libraries(args.export)
-    columns: dict[str, list[str]] = {}
-    for key, name in args.columns or ():
-        columns.setdefault(key, []).append(name)
     encoding = encode(
-        **{**words_of(args, encode), "columns": columns or None},
+        **{**words_of(args, encode), "columns": columns_by_key(args.columns)},
         afferents=args.afferent,
     )
     rows: list[dict[str, Any]] = [

@@ -1,4 +1,4 @@
-"""Write the encoder as one C99 header, for microcontrollers and other programs.
+"""Write the encoder as one header for C99 and C++, for microcontrollers and other programs.
 
 The header turns stress into spikes sample by sample, without memory allocation and without a
 library: afferents_init, then afferents_step for each sample of the sensor. Its first comment

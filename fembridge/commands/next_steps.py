@@ -42,7 +42,7 @@ def _plot_folder(args: argparse.Namespace, summary: Summary) -> list[str]:
 
 
 def _after_touch(args: argparse.Namespace, summary: Summary) -> list[str]:
-    return [_command("report", summary["output"])]
+    return [_command("report", summary["output"]), _command("explore", summary["output"])]
 
 
 def _after_stimuli(args: argparse.Namespace, summary: Summary) -> list[str]:

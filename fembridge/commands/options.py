@@ -131,6 +131,19 @@ def parse_column(text: str) -> tuple[str, str]:
     return key, name
 
 
+def parse_gain(text: str) -> float | dict[str, float]:
+    """Gain of all classes, or by class: ``SA=2e4,PC=400``."""
+    if "=" not in text:
+        return NUMBERS["gain_pa"](text)
+    gains: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, number = map(str.strip, part.partition("="))
+        if name not in ("SA", "RA", "PC") or name in gains:
+            raise UsageError(found=text, expected="a number, or SA=NUMBER,RA=NUMBER,PC=NUMBER")
+        gains[name] = NUMBERS["gain_pa"](number)
+    return gains
+
+
 class RepeatedOption(argparse.Action):
     """A list, one item a word or by repetition of the option; `type` is that of an item.
 
@@ -332,7 +345,7 @@ def add_export_option(parser: argparse.ArgumentParser) -> None:
         "--export",
         action=Several,
         default=[],
-        choices=("npz", "mat", "nwb", "neo", "sonata"),
+        choices=("npz", "mat", "nwb", "neo", "sonata", "events", "aedat4"),
         help="also write the spikes in formats of other programs (docs/how_to/recording.md)",
     )
 

@@ -21,12 +21,13 @@ from fembridge.commands.options import (
     parse_window,
 )
 from fembridge.errors import FembridgeError, UsageError
+from fembridge.host.store import near_hint
 from fembridge.host.terminal import log
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from fembridge.io.spike_table import Rate
+    from fembridge.io.spike_table import Rate, SpikeTrain
     from fembridge.simulation.folder import FolderStimuli
     from fembridge.stimulus import Stimulus
 
@@ -185,11 +186,15 @@ _OF_FILES = {
 
 
 def spelled_out(arguments: Sequence[str]) -> list[str]:
-    """Arguments with the picture ``all`` where a folder comes first: ``plot out``."""
+    """Arguments with the picture ``all`` where a folder comes first: ``plot out``.
+
+    A word that is no folder counts as one unless it resembles the name of a picture.
+    """
     words = list(arguments)
     at = words.index("plot") + 1
-    place = next((k for k in range(at, len(words)) if not words[k].startswith("-")), None)
-    if place is not None and words[place] not in {ALL, *_PICTURES} and Path(words[place]).is_dir():
+    first = next((word for word in words[at:] if not word.startswith("-")), ALL)
+    pictures = {ALL, *_PICTURES}
+    if first not in pictures and (Path(first).is_dir() or not near_hint(first, pictures)):
         words.insert(at, ALL)
     return words
 
@@ -272,7 +277,13 @@ def _all(args: argparse.Namespace) -> dict[str, Any]:
 
     folder: Path = args.folder
     if not folder.is_dir():
-        raise UsageError("no such folder", folder, argument="folder")
+        if folder.exists():
+            problem = f"not a folder; `fembridge plot PICTURE {folder}` draws a file, with PICTURE"
+        else:
+            problem = "no such folder; a picture is named by"
+        expected = "a folder, or the name of a picture"
+        names = ", ".join(_PICTURES)
+        raise UsageError(f"{problem} {names}", folder, found=str(folder), expected=expected)
     output: Path = args.output or folder
     check_suffix(output / f"picture{args.suffix}")
     files, reasons = [], {}
@@ -426,13 +437,12 @@ def _trace(args: argparse.Namespace) -> "Drawn":
 
 def _spikes(args: argparse.Namespace) -> "Drawn":
     """Raster, PSTH or intervals of a table of spikes, with the stimuli that its folder knows."""
-    from fembridge.io.spike_table import read_spikes
     from fembridge.plots import spike_figures
     from fembridge.simulation.folder import SPIKES_FILE, FolderStimuli, find_file, stimuli_in
     from fembridge.trace import AFFERENTS
 
     path = find_file(args.table, (SPIKES_FILE,), "simulate and encode leave it")
-    trains = read_spikes(path)
+    trains = _trains(path)
     rows = stimuli_in_table = list(dict.fromkeys(train.stimulus for train in trains))
     recorded = stimuli_in(path.parent)
     if recorded.stimuli and all(map(recorded.stimulus, stimuli_in_table)):
@@ -475,6 +485,16 @@ def _spikes(args: argparse.Namespace) -> "Drawn":
     plot_options["window_ms"] = windows_ms.pop() if len(windows_ms) == 1 else None
     draw = spike_figures.raster_figure if args.picture == "raster" else spike_figures.psth_figure
     return draw(**plot_options), summary
+
+
+def _trains(path: Path) -> "list[SpikeTrain]":
+    """Spikes of a table; of a touch also the silent units, which its table does not have."""
+    from fembridge.io.spike_table import read_spikes
+    from fembridge.touching.touch_result import RECORD_FILE, SPIKES_FILE, Touch
+
+    if path.name == SPIKES_FILE and (path.parent / RECORD_FILE).is_file():
+        return list(Touch.read(path.parent).trains())
+    return read_spikes(path)
 
 
 def _rows_named(texts: list[str], available: list[str], *, is_complete: bool) -> list[str]:

@@ -41,6 +41,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         print_table(("name", "contents"), rows, text_columns=2)
         return {"samples": dict(rows), "next": [EXAMPLE]}
     file = sample(args.name, args.output)
-    commands = [line.format(file=shlex.quote(str(file))) for line in SAMPLES[args.name].commands]
+    names = {"file": shlex.quote(str(file)), "folder": shlex.quote(str(file.parent))}
+    commands = [line.format(**names) for line in SAMPLES[args.name].commands]
     print(f"{file}: {SAMPLES[args.name].contents}")
     return {"output": args.output, "file": file, "next": commands}

@@ -40,6 +40,11 @@ USES = (
         "--shape FILE, a height map",
         lambda args: _is_height_map(args.shape),
     ),
+    Use(
+        "--event-grid-mm",
+        "--export events or aedat4",
+        lambda args: {"events", "aedat4"} & {*args.export},
+    ),
     Use("--tile", "--shape FILE, a height map", lambda args: _is_height_map(args.shape)),
     Use(
         "--relief-mm",
@@ -198,6 +203,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="also write a moving picture, touch.gif or another .gif or .mp4",
     )
     add_export_option(parser)
+    grid = "with --export events or aedat4: pixel of the events, by the position of the units "
+    grid += "(default: a pixel for each unit)"
+    parser.add_argument("--event-grid-mm", type=NUMBERS["event_grid_mm"], metavar="MM", help=grid)
     parser.add_argument("--no-plot", action="store_true", help="draw no pictures")
 
 
@@ -268,7 +276,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if not args.no_plot:
         files |= {f"{name}.png": result.plot(name) for name in PICTURES}
     if args.export:
-        files |= exports(result.to_recording(), args.export)
+        files |= exports(result.to_recording(), args.export, args.event_grid_mm)
     files |= {
         CONTACT_FILE: result.write_contact,
         RECORD_FILE: lambda path: write_toml(

@@ -146,6 +146,12 @@ def touchsim_rates(preindent_um: float = 0.0, *, whole_second: bool = False) -> 
     ------
     UsageError
         No rates for this depth.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> len(fb.touchsim_rates())
+    246
     """
     import pandas
 

@@ -119,6 +119,12 @@ class Search:
     ------
     UsageError
         A number outside its range, or an unknown rule.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> fb.Search(evaluations=400, seed=2).evaluations
+    400
     """
 
     evaluations: int = EVALUATIONS
@@ -181,6 +187,12 @@ class FitTargets:
     ------
     UsageError
         Another distance.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> targets = fb.FitTargets(thresholds="thresholds_freeman_johnson_1982", timing=True)
+    >>> fb.fit("rates.csv", targets=targets)  # doctest: +SKIP
     """
 
     thresholds: PathLike | pd.DataFrame | None = None
@@ -314,6 +326,16 @@ class Fit(Shown):
     provenance
         Section ``fit`` of the parameter file: versions, inputs with SHA-256, options and
         results of each class. Default: empty.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> observed = fb.simulate("sine_20", stored=True).rates
+    >>> search = fb.Search(evaluations=80, population=40)
+    >>> fit = fb.fit(observed, afferents=["SA"], search=search)
+    >>> predicted = fb.simulate("sine_50_100", parameters=fit.parameters, stored=True)
+    >>> fit.finished, predicted.rates["afferent"].tolist()
+    (True, ['SA', 'RA', 'PC'])
     """
 
     fits: Mapping[str, ClassFit]

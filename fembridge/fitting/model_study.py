@@ -93,6 +93,14 @@ class ModelStudy(Shown):
         Whether all cases are present. Default: True.
     provenance
         Version, observed rates, response and search. Default: empty.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> rates = fb.simulate(["sine_20", "sine_50"], stored=True).rates.query("afferent == 'RA'")
+    >>> study = fb.study(rates, drive="rising", seeds=[1], evaluations=200)
+    >>> study.finished
+    True
     """
 
     trials: pd.DataFrame

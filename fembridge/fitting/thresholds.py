@@ -92,6 +92,14 @@ class Thresholds(Shown):
         Freeman and Johnson (1982).
     provenance
         Version, parameter set, pre-indentation and response. Default: empty.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> thresholds = fb.threshold(["PC"], [20, 250])
+    >>> thresholds.write("thresholds")
+    >>> fb.Thresholds.read("thresholds").table.equals(thresholds.table)
+    True
     """
 
     table: pandas.DataFrame

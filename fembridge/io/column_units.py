@@ -27,7 +27,7 @@ def to_pa(value: str, gain_pa: float | None) -> float:
     if factor is None:
         raise UsageError(
             f"column {value} has no unit in its name (_pa, _kpa or _mpa): --gain-pa (gain_pa) is "
-            "the stress in Pa of a value of 1",
+            "the stress in Pa of a value of 1; `fembridge calibrate` finds it from a press",
             found=value,
         )
     return factor

@@ -93,6 +93,13 @@ def read_observed(source: "str | Path | pd.DataFrame", *, complete: bool = True)
     TableError
         No such table, an unknown stimulus or class, a rate in another unit, a duplicate or
         missing rate; with its line.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> observed = fb.read_observed(fb.sample("rates"))
+    >>> observed.rate_ips.shape
+    (37, 3)
     """
     import pandas as pd
 

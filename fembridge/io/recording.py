@@ -1,8 +1,8 @@
-"""Spikes in the formats of other programs: NWB, Neo, SONATA, MATLAB, NumPy, and simulators.
+"""Spikes in the formats of other programs: NWB, Neo, SONATA, MATLAB, NumPy, events, simulators.
 
 A recording holds the spikes of units in trials. All trials share one clock: time 0 is that of
 the tables, no spike is at 0, and `t_stop_ms` is the last sample of the stress trace. Formats
-with a single time axis (NWB, SONATA) store the trials one after another.
+with a single time axis (NWB, SONATA, events) store the trials one after another.
 
 Each function imports the library that it needs.
 """
@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -44,6 +45,7 @@ _COLUMNS = {
 }
 # Names of the classes in TouchSim.
 _TOUCHSIM = {"SA": "SA1", "RA": "RA", "PC": "PC"}
+_MOST_PIXELS = 2**15 - 1
 _SONATA_MAGIC, _SONATA_VERSION = 0x0A7A, (0, 1)
 
 
@@ -82,6 +84,13 @@ class Recording:
     ------
     UsageError
         A spike at or before time 0, or after `t_stop_ms`.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> recording = fb.simulate("sine_20_250", stored=True).to_recording()
+    >>> recording.dt_ms, len(recording.unit)
+    (0.1, 30)
     """
 
     unit: tuple[str, ...]
@@ -236,19 +245,21 @@ class Recording:
 
     # ---- To files
 
-    def write(self, path: Path | str) -> Path:
+    def write(self, path: Path | str, event_grid_mm: float | None = None) -> Path:
         """Write a file and return its path.
 
         Parameters
         ----------
         path
             Path of the file. Its suffix selects the format: ``.npz``, ``.mat``, ``.nwb``,
-            ``.pkl`` (Neo) or ``.h5`` (SONATA).
+            ``.pkl`` (Neo), ``.h5`` (SONATA), ``.npy`` (events) or ``.aedat4`` (events).
+        event_grid_mm
+            Pixel of events in mm, as in `to_events`. Default: None, a pixel for each unit.
 
         Raises
         ------
         UsageError
-            Another suffix.
+            Another suffix, or an error of `to_events`.
         MissingError
             The library of the format is not installed.
         """
@@ -259,8 +270,12 @@ class Recording:
             expected = f"a name in {', '.join(writers)}"
             problem = f"is {str(path)!r}, expected {expected}{hint}"
             raise UsageError(problem, argument="path", found=str(path), expected=expected)
+        if event_grid_mm is not None and path.suffix not in EVENT_SUFFIXES:
+            expected = f"a file of events: {' or '.join(EVENT_SUFFIXES)}"
+            raise UsageError(argument="event_grid_mm", found=event_grid_mm, expected=expected)
+        options = {} if event_grid_mm is None else {"event_grid_mm": event_grid_mm}
         with replacing(path) as draft:
-            writers[path.suffix](self, draft)
+            writers[path.suffix](self, draft, **options)
         return path
 
     def _write_npz(self, path: Path) -> None:
@@ -356,7 +371,82 @@ class Recording:
             trials["stop_ms"] = self.trial_ms + self.end_ms
             _copy_to_disk(file, path)
 
+    def _write_events(self, path: Path, event_grid_mm: float | None = None) -> None:
+        with path.open("wb") as file:
+            np.save(file, self.to_events(event_grid_mm))
+
+    def _write_aedat4(self, path: Path, event_grid_mm: float | None = None) -> None:
+        """Events as those of an event camera."""
+        from fembridge.io.aedat4 import write_aedat4
+
+        column, row = self._pixels(event_grid_mm)
+        size = int(column.max(initial=0)) + 1, int(row.max(initial=0)) + 1
+        write_aedat4(path, self.to_events(event_grid_mm), size)
+
     # ---- To other libraries
+
+    def to_events(self, event_grid_mm: float | None = None) -> Any:  # noqa: ANN401 - records
+        """Events ``(t, x, y, p)`` as of an event camera, ``(spikes,)``, by time.
+
+        Fields are those of Tonic and of AEDAT4: ``t`` in us, pixel ``x`` and ``y``, polarity ``p``,
+        which is True. Trials follow one another, from `trial_ms` on.
+
+        Parameters
+        ----------
+        event_grid_mm
+            Pixel in mm. The units are then pixels by their position, seen from outside with the
+            tip above, the classes side by side; units of a class in one pixel are not
+            distinguished. Default: None: ``y`` is the class (0 SA, 1 RA, 2 PC), ``x`` the unit in
+            the order of its class.
+
+        Raises
+        ------
+        UsageError
+            `event_grid_mm` without positions, not above 0, or with more pixels than 32 767 in a
+            direction.
+        """
+        column, row = self._pixels(event_grid_mm)
+        counts = np.diff(self.start)
+        units = np.tile(np.arange(len(self.unit)), len(self.stimulus))
+        trial_ms = np.repeat(self.trial_ms, len(self.unit))
+        spike_units = np.repeat(units, counts)
+        time_us = np.rint(1000.0 * (self.time_ms + np.repeat(trial_ms, counts))).astype(np.int64)
+        order = np.lexsort((spike_units, time_us))
+        events = np.empty(
+            time_us.size, dtype=[("t", np.int64), ("x", np.int16), ("y", np.int16), ("p", np.bool_)]
+        )
+        events["t"], events["p"] = time_us[order], True
+        events["x"], events["y"] = column[spike_units[order]], row[spike_units[order]]
+        return events
+
+    def _pixels(self, event_grid_mm: float | None) -> tuple[IntArray, IntArray]:
+        """Column and row of each unit, ``(U,)``."""
+        classes = list(dict.fromkeys([*_TOUCHSIM, *self.afferent]))
+        number = np.array([classes.index(name) for name in self.afferent], dtype=np.int64)
+        if event_grid_mm is None:
+            column, row = np.zeros_like(number), number
+            for k in set(number.tolist()):
+                column[number == k] = np.arange((number == k).sum())
+        else:
+            if not 0 < event_grid_mm < np.inf:
+                raise UsageError(
+                    argument="event_grid_mm", found=event_grid_mm, expected="a number more than 0"
+                )
+            if not {"x_mm", "z_mm"} <= self.columns.keys():
+                raise UsageError(
+                    "requires positions of the units, as those of a touch",
+                    argument="event_grid_mm",
+                    found=event_grid_mm,
+                )
+            x_mm, z_mm = self.columns["x_mm"], self.columns["z_mm"]
+            column = np.floor((x_mm - x_mm.min()) / event_grid_mm).astype(np.int64)
+            row = np.floor((z_mm.max() - z_mm) / event_grid_mm).astype(np.int64)
+            shown = sorted(set(number.tolist()))
+            column += (column.max() + 1) * np.searchsorted(shown, number)
+        if (most := int(max(column.max(initial=0), row.max(initial=0)))) > _MOST_PIXELS:
+            problem = f"gives {most + 1} pixels in a direction, expected at most {_MOST_PIXELS + 1}"
+            raise UsageError(problem, argument="event_grid_mm", found=event_grid_mm)
+        return column, row
 
     def to_neo(self) -> Any:  # noqa: ANN401 - a neo.Block
         """A `neo.Block`: one segment per trial, one annotated spike train per unit."""
@@ -522,7 +612,7 @@ class Format(NamedTuple):
     """A format of ``--export``: file suffix, function that writes it, library that it needs."""
 
     suffix: str
-    write: Callable[[Recording, Path], None]
+    write: Callable[..., None]
     library: str
 
 
@@ -532,7 +622,10 @@ FORMATS: Mapping[str, Format] = {
     "nwb": Format(".nwb", Recording._write_nwb, "pynwb"),
     "neo": Format(".pkl", Recording._write_neo, "neo"),
     "sonata": Format(".h5", Recording._write_sonata, "h5py"),
+    "events": Format(".npy", Recording._write_events, "numpy"),
+    "aedat4": Format(".aedat4", Recording._write_aedat4, "numpy"),
 }
+EVENT_SUFFIXES = (".npy", ".aedat4")
 EXPORTED = tuple(f"spikes{entry.suffix}" for entry in FORMATS.values())
 """Files of ``--export``."""
 
@@ -547,9 +640,16 @@ def require_libraries(formats: Sequence[str]) -> None:
             import_module(FORMATS[name].library)
 
 
-def exports(recording: Recording, formats: Sequence[str]) -> dict[str, Callable[[Path], Path]]:
+def exports(
+    recording: Recording, formats: Sequence[str], event_grid_mm: float | None = None
+) -> dict[str, Callable[[Path], Path]]:
     """File names ``spikes.*`` of `formats`, each with the function that writes it to a path."""
-    return {f"spikes{FORMATS[name].suffix}": recording.write for name in formats}
+    suffixes = [FORMATS[name].suffix for name in formats]
+    on_grid = partial(recording.write, event_grid_mm=event_grid_mm)
+    return {
+        f"spikes{suffix}": on_grid if suffix in EVENT_SUFFIXES else recording.write
+        for suffix in suffixes
+    }
 
 
 @contextmanager

@@ -23,6 +23,7 @@ from fembridge.host.store import (
     write_toml,
 )
 from fembridge.io.column_units import ms_per, to_pa
+from fembridge.io.sensor_table import resampled_step_ms
 from fembridge.io.text_table import (
     HEADER_BYTES,
     MAX_COLUMNS,
@@ -48,6 +49,7 @@ from fembridge.trace import (
     doubt_of_gaps,
     doubt_of_step,
     mean_step,
+    middle_step,
     resample,
 )
 from fembridge.typing import FloatArray
@@ -70,6 +72,7 @@ def read_traces(
     columns: Mapping[str, str | Sequence[str]] | None = None,
     gain_pa: float | None = None,
     resample_ms: float | None = None,
+    is_sensor: bool = False,
 ) -> Traces:
     """Traces of a table, in the order in which their units first appear, and their run.
 
@@ -87,6 +90,8 @@ def read_traces(
         ``[kPa]``.
     resample_ms
         The step of the even grid on which traces are put.
+    is_sensor
+        Whether the table is of a sensor: samples at uneven times are put on an even grid.
 
     Raises
     ------
@@ -136,7 +141,11 @@ def read_traces(
         times_ms = numbers["time"][rows]
         with np.errstate(over="ignore", invalid="ignore"):  # of 1e308
             even_ms, odd = mean_step(times_ms)
-        if odd is not None and resample_ms is None:
+        step_ms = resample_ms
+        if odd is not None and is_sensor and step_ms is None:
+            step_ms = resampled_step_ms(middle_step(np.diff(times_ms)))
+            say(f"samples at uneven times: resampled to every {step_ms:g} ms")
+        if odd is not None and step_ms is None:
             before_ms, after_ms = times_ms[odd : odd + 2]
             raise error(
                 rows[odd + 1],
@@ -145,25 +154,25 @@ def read_traces(
             )
         for number, value in enumerate(values):
             stress_pa = numbers[number][rows]
-            if resample_ms is not None:
+            if step_ms is not None:
                 doubt = (
-                    doubt_of_step(stress_pa, even_ms, resample_ms)
+                    doubt_of_step(stress_pa, even_ms, step_ms)
                     if odd is None
                     else doubt_of_gaps(times_ms)
                 )
                 if doubt:
                     doubts.append(f"{who}: {doubt}")
                 try:
-                    length = _length_at(times_ms, resample_ms)
+                    length = _length_at(times_ms, step_ms)
                     resampled += length
                     check_growth(len(samples), resampled, length)
-                    _, stress_pa = resample(times_ms, stress_pa, resample_ms, say)
+                    _, stress_pa = resample(times_ms, stress_pa, step_ms, say)
                 except TraceError as problem:
                     raise error(first, f"{who}: {problem}") from problem
             traces.append(
                 StressTrace(
                     stress_pa,
-                    resample_ms or even_ms,
+                    step_ms or even_ms,
                     node,
                     afferent or None,
                     float(times_ms[0]),
@@ -172,9 +181,9 @@ def read_traces(
                 )
             )
     for line in assumed:
-        step_ms = min(trace.dt_ms for trace in traces)
-        if step_ms > _LONG_STEP_MS:
-            warn(f"a sample every {step_ms:g} ms: {line}", path)
+        longest_ms = min(trace.dt_ms for trace in traces)
+        if longest_ms > _LONG_STEP_MS:
+            warn(f"a sample every {longest_ms:g} ms: {line}", path)
         else:
             say(line)
     if doubt := _doubt_of_ends(traces):

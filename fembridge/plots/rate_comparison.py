@@ -211,6 +211,10 @@ def _level_limits_um(level_um: "Series[float]") -> tuple[float, float]:
     return low_um, high_um
 
 
+# The range from the most to the least sensitive cell.
+_CELLS_BAND: dict[str, Any] = {"facecolor": FAINT, "alpha": 0.35, "linewidth": 0}
+
+
 @in_style
 def thresholds_figure(
     curves: "pandas.DataFrame",
@@ -237,7 +241,7 @@ def thresholds_figure(
             if criterion == CRITERIA[0]:
                 highest_cell_um = curve["least_sensitive_um"].fillna(_NO_THRESHOLD_UM)
                 columns = (curve["frequency_hz"], curve["most_sensitive_um"], highest_cell_um)
-                panel.fill_between(*columns, color=FAINT, alpha=0.35, linewidth=0)
+                panel.fill_between(*columns, **_CELLS_BAND)
             mark = marks("o", colour, _MARK_PT, filled=criterion == CRITERIA[0])
             panel.plot("frequency_hz", "amplitude_um", data=marked, **mark)
         note(panel, name, (0.04, 0.05), (0, 0), **class_style(name))
@@ -255,5 +259,7 @@ def thresholds_figure(
     names = [
         f"{source}, {label}" for source in ("model", "observed") for label in _CRITERION_LABELS
     ]
-    legend_above(figure, samples, names)
+    samples.append(_CELLS_BAND)
+    names.append("model, range of cells")
+    legend_above(figure, samples, names, ncols=3)
     return figure

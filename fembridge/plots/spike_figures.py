@@ -5,7 +5,7 @@ Each figure has one panel per class, with one row per stimulus: row k is at heig
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ from fembridge.plots.style import (
     AFFERENT_COLOURS,
     FAINT,
     HAIR_PT,
+    INK,
     LINE_PT,
     SMALL_TEXT_PT,
     TEXT_PT,
@@ -51,6 +52,7 @@ _WAVEFORM_IN, _MARGINS_IN, _LEGEND_IN, _NOTE_IN, _MIN_HEIGHT_IN = 0.5, 0.62, 0.2
 _NAME_IN, _SMALL_ROW_IN = 1.6, 0.13
 # Share of a row that its spikes or its histogram fill.
 _RASTER_SHARE, _HISTOGRAM_SHARE = 0.78, 0.86
+_MOST_SCALES = 8  # with more rows their height is printed: an axis would not fit
 _DENSE_LINE_PT = 0.65
 # Space on the right of the longest interval for the number of intervals.
 _ISI_MARGIN = 1.22
@@ -108,9 +110,9 @@ def psth_figure(
 ) -> "Figure":
     """Rate in bins of `bin_ms` (default 5 ms), mean over the cells or trials of `trains`.
 
-    A silent cell counts if it is among `trains`. All rows of a class share a scale, printed below
-    the class name. The other arguments are those of `raster_figure`. Raises UsageError: nothing
-    to draw, no bin width or too many bins.
+    A silent cell counts if it is among `trains`. All rows of a class share a scale, the axis on
+    the right of the panel, of many rows printed above it. The other arguments are those of
+    `raster_figure`. Raises UsageError: nothing to draw, no bin width or too many bins.
     """
     trains = list(trains)
     rows, classes = _rows_and_classes(trains, stimuli, afferents)
@@ -122,7 +124,8 @@ def psth_figure(
         [[psth(trains, name, afferent, edges_ms) for name in rows] for afferent in classes],
         edges_ms,
         ("Time (ms)", 0.0, float(edges_ms[-1])),
-        lambda top: f"row height: {top:.3g} impulses/s" if top else "no spikes",
+        "impulses/s",
+        1.0,
         window_ms=window_ms,
         waveform=waveform,
         axes=axes,
@@ -168,7 +171,8 @@ def isi_figure(
         ],
         edges_ms,
         ("Inter-spike interval (ms)", 0.0, _ISI_MARGIN * float(edges_ms[-1])),
-        lambda top: f"row height: {100 * top:.3g} % of intervals" if top else "none",
+        "% of intervals",
+        100.0,
         axes=axes,
     )
     for panel, of_class in zip(panels, intervals, strict=True):
@@ -176,7 +180,7 @@ def isi_figure(
             if row_ms.size:
                 frame = ("axes fraction", "data")
                 style = {"ha": "right", "va": "center", "fontsize": TINY_TEXT_PT}
-                note(panel, f"n = {row_ms.size}", (1.0, row), (0, 0), frame=frame, **style)
+                note(panel, f"n = {row_ms.size}", (0.97, row), (0, 0), frame=frame, **style)
     return figure
 
 
@@ -348,15 +352,20 @@ def _histograms(
     histograms: Sequence[Sequence[FloatArray]],
     edges_ms: FloatArray,
     x_axis: tuple[str, float, float],
-    note_of_top: Callable[[float], str],
+    unit: str,
+    per_value: float,
     **options: Any,  # noqa: ANN401 - as `_grid` takes it
 ) -> "tuple[Figure, list[Axes]]":
     """Figure with one histogram per row; the highest of a class fills its row.
 
-    `histograms` are by class and row; `note_of_top` words the height of the highest bin.
+    `histograms` are by class and row; the axis of a row is in `unit`, `per_value` of a value.
     """
     tops = [max(float(row_values.max()) for row_values in of_class) for of_class in histograms]
-    notes = [note_of_top(top) for top in tops]
+    has_scales = len(rows) <= _MOST_SCALES
+    notes = [
+        "none" if not top else unit if has_scales else f"rows: 0 to {per_value * top:.3g} {unit}"
+        for top in tops
+    ]
     figure, panels = _grid(rows, classes, _HISTOGRAM_IN, x_axis, notes, **options)
     bin_ends = np.repeat(edges_ms, 2)[1:-1]
     for afferent, panel, of_class, top in zip(classes, panels, histograms, tops, strict=True):
@@ -367,4 +376,29 @@ def _histograms(
             panel.axhline(floor, color=FAINT, linewidth=HAIR_PT, zorder=0)
             above = floor - _HISTOGRAM_SHARE * height
             panel.fill_between(bin_ends, floor, above, where=height > 0, clip_on=False, **style)
+            if top and has_scales:
+                _draw_scale(panel, floor, per_value * top)
     return figure, panels
+
+
+def _draw_scale(panel: "Axes", floor: float, top: float) -> None:
+    """Axis of a row on the right: 0 at the row's `floor`, and a round number up to `top`."""
+    exponent = math.floor(math.log10(top))
+    digit = max(digit for digit in (1, 2, 5) if digit * 10.0**exponent <= top * (1 + 1e-9))
+    value = digit * 10.0**exponent
+    end = floor - _HISTOGRAM_SHARE * value / top
+    frame = panel.get_yaxis_transform()
+    style: dict[str, Any] = {"color": INK, "linewidth": HAIR_PT, "clip_on": False}
+    panel.plot([1.0, 1.0], [floor, end], transform=frame, **style)
+    for place, text, side in ((floor, "0", "bottom"), (end, f"{value:g}", "center")):
+        panel.plot([1.0, 1.012], [place, place], transform=frame, **style)
+        panel.annotate(
+            text,
+            xy=(1.0, place),
+            xycoords=frame,
+            xytext=(3, 0),
+            textcoords="offset points",
+            va=side,
+            fontsize=TINY_TEXT_PT,
+            annotation_clip=False,
+        )

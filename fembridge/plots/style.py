@@ -343,16 +343,19 @@ def legend_above(
     names: Iterable[str],
     **spacing: Any,  # noqa: ANN401 - Matplotlib's own
 ) -> None:
-    """Add a legend of one row above all panels.
+    """Add a legend above all panels, of one row unless `spacing` has ``ncols``.
 
-    A sample is a line style, or a list of line styles (one per class) shown side by side.
+    A sample is a line style, or a list of line styles (one per class) shown side by side; a style
+    with a ``facecolor`` is that of a band.
     """
     from matplotlib.legend_handler import HandlerTuple
     from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
 
     handles: list[Any] = [
         tuple(
-            Line2D([], [], **style) for style in (sample if isinstance(sample, list) else [sample])
+            Patch(**style) if "facecolor" in style else Line2D([], [], **style)
+            for style in (sample if isinstance(sample, list) else [sample])
         )
         for sample in samples
     ]
@@ -362,9 +365,8 @@ def legend_above(
     figure.legend(
         handles,
         list(names),
-        ncols=len(handles),
         handler_map={tuple: HandlerTuple(ndivide=None, pad=0.0)},
-        **{**location, **spacing},
+        **{"ncols": len(handles), **location, **spacing},
     )
 
 

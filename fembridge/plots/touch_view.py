@@ -21,6 +21,7 @@ from fembridge.plots.style import (
     SERIES_COLOURS,
     SMALL_TEXT_PT,
     TEXT_PT,
+    TINY_TEXT_PT,
     WHITE,
     checked_axes,
     class_style,
@@ -333,6 +334,10 @@ def write_movie(path: Path, touch: "Touch") -> None:
                 writer.grab_frame()
 
 
+# Pillow's MAXCOVERAGE: colours of few pixels, as the dots of a legend, stay what they are.
+_FEW_DOTS = 1
+
+
 def _pictures(
     canvas: Any,  # noqa: ANN401 - its methods are untyped
     moving: "Sequence[Artist]",
@@ -351,13 +356,14 @@ def _pictures(
         show(sample)
         for artist in moving:
             canvas.figure.draw_artist(artist)
-        yield fromarray(np.array(canvas.buffer_rgba())).convert("RGB").quantize(256)
+        yield fromarray(np.array(canvas.buffer_rgba())).convert("RGB").quantize(256, _FEW_DOTS)
 
 
 def _scene(
     touch: "Touch", samples: IntArray
 ) -> tuple["Figure", "list[Artist]", Callable[[int], None]]:
     """The figure, its moving parts, and a function that moves them to a sample."""
+    from matplotlib.lines import Line2D
     from scipy.interpolate import make_interp_spline
 
     from fembridge.plots.notebook_figure import NotebookFigure
@@ -380,7 +386,9 @@ def _scene(
     cursor = samples_panel.axvline(0.0, color=INK, linewidth=HAIR_PT)
     pressure = _draw_pressure(panels[0], touch, _hardest(touch))
     most_kpa = pressure.get_clim()[1] if pressure else 0.0
-    panels[0].set_title(f"Pressure, up to {most_kpa:.0f} kPa", fontsize=TEXT_PT)
+    panels[0].set_title("Contact pressure", fontsize=TEXT_PT)
+    if pressure and most_kpa:
+        _scale_beside(panels[0], pressure, "kPa")
     knots, position = touch.contact.knots, touch.contact.position
     # The states on both sides of each frame.
     after = np.clip(np.searchsorted(knots, position[samples]), 1, knots.size - 1)
@@ -391,12 +399,19 @@ def _scene(
         field[0], extent=extent, origin="lower", cmap="magma", vmin=0, vmax=top_kpa,
         interpolation="bilinear", aspect="equal",
     )  # fmt: skip
-    panels[1].set_title(f"Stress at SA, up to {top_kpa:.0f} kPa", fontsize=TEXT_PT)
+    panels[1].set_title("Stress where SA is", fontsize=TEXT_PT)
+    _scale_beside(panels[1], stress, "kPa")
     units = touch.population
     colours = [AFFERENT_COLOURS[name] for name in units.afferent]
     panels[2].scatter(units.x_mm, units.z_mm, s=1.0, color=FAINT)
     lights = panels[2].scatter(units.x_mm, units.z_mm, s=0.0, c=colours, linewidths=0)
     panels[2].set_title(f"Spikes of the last {_LIT_MS:g} ms", fontsize=TEXT_PT)
+    named = [Line2D([], [], ls="", marker="o", ms=4, color=AFFERENT_COLOURS[name], label=name)
+             for name in dict.fromkeys(units.afferent)]  # fmt: skip
+    panels[2].legend(
+        handles=named, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=len(named),
+        frameon=False, handletextpad=0.1, columnspacing=0.8,
+    )  # fmt: skip
     clock = figure.suptitle("")
     times_ms, fired = touch.trajectory.times_ms, touch.fired
     frame_of = {int(sample): frame for frame, sample in enumerate(samples)}
@@ -418,6 +433,15 @@ def _scene(
 
     moving = [*([pressure] if pressure else []), stress, lights, cursor, clock]
     return figure, moving, show
+
+
+def _scale_beside(panel: "Axes", image: Any, unit: str) -> None:  # noqa: ANN401 - any mappable
+    """Colour bar beside a `panel`, which keeps its size; moving parts would cover one inside."""
+    place = panel.inset_axes((1.03, 0.0, 0.04, 0.45))
+    bar = panel.figure.colorbar(image, cax=place)
+    place.tick_params(labelsize=TINY_TEXT_PT, length=2, colors=INK)
+    place.set_title(unit, fontsize=TINY_TEXT_PT)
+    bar.outline.set_linewidth(HAIR_PT)
 
 
 def _stress_field(

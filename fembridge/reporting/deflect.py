@@ -58,6 +58,14 @@ class Deflections(Shown):
     ----------
     meshes
         Profile of each mesh by its name, the coarsest first.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> deflections = fb.deflect()
+    >>> deflections.write("deflection")
+    >>> sorted(fb.Deflections.read("deflection").meshes) == sorted(deflections.meshes)
+    True
     """
 
     def __init__(self, meshes: Mapping[str, Deflection]) -> None:

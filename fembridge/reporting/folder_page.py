@@ -91,6 +91,13 @@ class Report(Shown):
         Parts of the page.
     checks
         What was checked.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> fb.simulate("sine_20_250", stored=True).write("out")
+    >>> set(fb.report("out").checks["verdict"])
+    {'ok'}
     """
 
     def __init__(

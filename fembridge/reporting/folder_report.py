@@ -103,9 +103,9 @@ def report(folder: str | os.PathLike[str]) -> Report:
     if (path / MAP_RUN / RUN_FILE).is_file():
         return _of_refused_map(path)
     expected = "a run folder, a folder of simulate or touch, a response map, or a pad"
-    problem = "no such file or folder" if not path.exists() else "has none of their files"
+    problem = "is none of these" if path.exists() else "does not exist, expected"
     raise UsageError(
-        f"{problem}: expected {expected}",
+        f"{problem}: {expected}",
         path,
         argument="folder",
         found=str(path),

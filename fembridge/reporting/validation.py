@@ -52,6 +52,12 @@ class Validation(Shown):
         Versions, response, parameter sets and observed rates with checksums.
     data
         Complete results, for pictures and the page. Default: None, as after `read`.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> validation = fb.validate()  # doctest: +SKIP
+    >>> validation.plot("tuning")  # doctest: +SKIP
     """
 
     def __init__(

@@ -111,6 +111,12 @@ class Verification:
         Tables of the studies by name.
     page
         The page as Markdown.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> fb.verify(only=["patch"], quick=True).passed  # doctest: +SKIP
+    True
     """
 
     def __init__(self, summary: Table, tables: Mapping[str, DataFrame], page: str) -> None:

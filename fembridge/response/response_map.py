@@ -115,6 +115,14 @@ class ResponseMap:
     ------
     ResponseError
         Shapes that do not match, or depths that do not ascend or lack 0.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> response = fb.PadProbe(pad="reference").response
+    >>> traces = response.traces(fb.make_stimulus("sine_20_100"))
+    >>> len(traces)  # three classes at three positions across a ridge
+    9
     """
 
     depth_um: FloatArray

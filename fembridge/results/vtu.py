@@ -107,6 +107,12 @@ def write_vtu_series(
         record is damaged, or a value is not finite.
     OutputError
         A file cannot be written.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> fb.write_vtu_series(fb.sample("frd"), "paraview").name
+    'job.pvd'
     """
     with open_result(
         path,

@@ -59,6 +59,13 @@ class DeckResponse(Shown):
     ----------
     response
         The response map.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> mine = fb.map_response("mine.inp", afferents={"SA": 461})  # doctest: +SKIP
+    >>> mine.response.closure_percent < 0.5  # doctest: +SKIP
+    True
     """
 
     response: ResponseMap

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import pandas
 
     from fembridge.io.run_folder import RunFolder
+    from fembridge.simulation.calibrate import Calibration
     from fembridge.simulation.encoding import Encoding
     from fembridge.simulation.simulation import Simulation
     from fembridge.trace import StressTrace
@@ -36,7 +37,8 @@ def encode(
     window_ms: tuple[float, float] | None = None,
     derivative: str = "backward",
     columns: Mapping[str, str | Sequence[str]] | None = None,
-    gain_pa: float | None = None,
+    gain_pa: float | Mapping[str, float] | None = None,
+    calibration: str | os.PathLike[str] | Calibration | None = None,
     resample_ms: float | None = None,
 ) -> Encoding:
     """Spikes and firing rates of stress traces.
@@ -57,7 +59,7 @@ def encode(
         that of the run, else the name of the file, else ``"traces"``.
     afferents
         Class or classes to encode; a trace without a class is encoded as each of them.
-        Default: None, the classes of the traces.
+        Default: None, the classes of the traces; of traces without a class, all.
     window_ms
         Start and end in ms of the window in which spikes count, the start excluded.
         Default: None, that of the run or of the catalogue stimulus `stimulus`, else the
@@ -67,11 +69,18 @@ def encode(
         Default: ``"backward"``.
     columns
         Names of the columns of another table, as of a robot's sensor:
-        ``{"time": "t_s", "value": ["f1", "f2"]}``. Default: None.
+        ``{"time": "t_s", "value": ["f1", "f2"]}``. Default: None: in a table without
+        ``von_mises_pa``, a column that is named as a time, and each other column of numbers as a
+        channel, which becomes a unit.
     gain_pa
-        Stress in Pa of a value of 1. Default: None, as the end of the column's name states.
+        Stress in Pa of a value of 1, of all classes or by class. Default: None, as the end of the
+        column's name states.
+    calibration
+        Gains and offset of a sensor: a `Calibration` of `calibrate`, or the path of its file.
+        Default: None.
     resample_ms
-        Step in ms of an even grid for samples at uneven times. Default: None.
+        Step in ms of an even grid for samples at uneven times. Default: None: samples of a sensor
+        are put on 0.5 ms, or 0.1 ms if they come faster; others are refused.
 
     Returns
     -------
@@ -82,13 +91,14 @@ def encode(
     Raises
     ------
     UsageError, ParameterError, TableError
-        A trace without a class, parameters that read strain energy, `window_ms` outside a
+        A sensor without a gain, parameters that read strain energy, `window_ms` outside a
         trace, a row that is no sample.
 
     Warns
     -----
     FembridgeWarning
-        The parameters were fitted on other mechanics; stress in another unit; no spikes.
+        The parameters were fitted on other mechanics; stress in another unit; no spikes; a sensor
+        that is too slow for PC.
 
     Examples
     --------
@@ -112,5 +122,6 @@ def encode(
         derivative,
         columns,
         gain_pa,
+        calibration,
         resample_ms,
     )

@@ -28,6 +28,7 @@ from fembridge.host.store import (
 )
 from fembridge.io.npz import NpzFile
 from fembridge.io.run_folder import RUN_FILE, RunFolder
+from fembridge.io.sensor_table import SensorTable, deaf_above, sensor_table
 from fembridge.io.spike_table import (
     Rate,
     SpikeTrain,
@@ -74,6 +75,7 @@ if TYPE_CHECKING:
 
     from fembridge.io.recording import Recording
     from fembridge.plots.style import Panels
+    from fembridge.simulation.calibrate import Calibration
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -114,6 +116,16 @@ class Encoding(Shown):
         Requested name of the stimulus. Default: None.
     derivative
         Scheme of the stress derivatives. Default: ``backward``.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> encoding = fb.encode(fb.read(fb.sample("frd")))
+    >>> encoding.rates["rate_ips"].tolist()
+    [41.0, 108.0, 110.0]
+    >>> encoding.write("encoded")
+    >>> fb.Encoding.read("encoded").spikes.equals(encoding.spikes)
+    True
     """
 
     traces: Traces
@@ -426,13 +438,18 @@ def encode_stress(
     window_ms: tuple[float, float] | None,
     derivative: str,
     columns: Mapping[str, str | Sequence[str]] | None,
-    gain_pa: float | None,
+    gain_pa: float | Mapping[str, float] | None,
+    calibration: "str | os.PathLike[str] | Calibration | None",
     resample_ms: float | None,
 ) -> Encoding:
     """Spikes and rates of `traces`; arguments and errors are those of `fembridge.encode`."""
     if isinstance(afferents, str):
         afferents = [afferents]
-    source = _load_traces(traces, columns, gain_pa, resample_ms)
+    gains = _gains(gain_pa, calibration)
+    source, sensor = _load_traces(traces, columns, gain_pa, gains, resample_ms)
+    if gains is not None:
+        source = gains.to_stress(source, sensor.value_names if sensor else [], afferents)
+        parameters = parameters or (parameter_set(gains.parameters) if gains.parameters else None)
     selected = _select_parameters(source, parameters)
     prepared = _prepare_traces(source, selected.parameters, stimulus, default_name, afferents)
     if window_ms is not None:
@@ -442,25 +459,64 @@ def encode_stress(
     has_spikes = any(times_ms.size for cells in cells_ms for times_ms in cells)
     if warning := _stress_warning(source, prepared, has_spikes):
         warn(warning)
+    has_pc = any(trace.afferent == "PC" for trace in prepared)
+    if has_pc and sensor and sensor.step_ms and (loss := deaf_above(sensor.step_ms)):
+        warn(loss)
     _report_mismatch(source, selected)
     encoded = Traces(prepared, source.origin, source.windows_ms)
     return Encoding(encoded, selected, cells_ms, window_ms, stimulus, derivative)
 
 
+def _gains(
+    gain_pa: float | Mapping[str, float] | None,
+    calibration: "str | os.PathLike[str] | Calibration | None",
+) -> "Calibration | None":
+    """Gains by class; None for one gain of all classes, or none."""
+    from fembridge.simulation.calibrate import Calibration
+
+    if calibration is None:
+        return Calibration(gain_pa=gain_pa) if isinstance(gain_pa, Mapping) else None
+    if gain_pa is not None:
+        raise UsageError("has a gain already: leave out gain_pa", argument="calibration")
+    return (
+        Calibration.read(calibration) if not isinstance(calibration, Calibration) else calibration
+    )
+
+
 def _load_traces(
     traces: object,
     columns: Mapping[str, str | Sequence[str]] | None,
-    gain_pa: float | None,
+    gain_pa: float | Mapping[str, float] | None,
+    gains: "Calibration | None",
     resample_ms: float | None,
-) -> Traces:
-    """The traces of a path, a run, a simulation, a table, a trace or a list of traces."""
+) -> tuple[Traces, SensorTable | None]:
+    """The traces of a path, a run, a simulation, a table, a trace or a list of traces.
+
+    And the columns of a table that is not ours. With `gains` the stress is the sensor's value.
+    """
     if isinstance(traces, RunFolder):
         traces = traces.folder
-    if isinstance(traces, str | os.PathLike):
-        return read_stress(Path(traces), columns, gain_pa, resample_ms)[0]
-    if hasattr(traces, "columns"):
-        frame: Any = traces
-        return read_traces(frame, columns=columns, gain_pa=gain_pa, resample_ms=resample_ms)
+    factor = 1.0 if gains is not None else gain_pa
+    assert not isinstance(factor, Mapping)
+    if isinstance(traces, str | os.PathLike) or hasattr(traces, "columns"):
+        table: Any = Path(traces) if isinstance(traces, str | os.PathLike) else traces
+        is_table = not isinstance(table, Path) or (
+            table.is_file() and table.suffix != ".npz" and table.name != RUN_FILE
+        )
+        sensor = None
+        if is_table:
+            sensor = sensor_table(table, columns, has_gain=factor is not None)
+        if sensor is not None and columns is None:
+            name = table if isinstance(table, Path) else "the table"
+            time = next(iter(sensor.columns.values()))
+            values = ", ".join(sensor.value_names)
+            _LOGGER.info(f"{name}: time in {time}, values in {values}; --columns names others")
+        chosen = columns if sensor is None else sensor.columns
+        options: dict[str, Any] = {"columns": chosen, "resample_ms": resample_ms}
+        options |= {"gain_pa": factor}
+        if isinstance(table, Path):
+            return read_stress(table, **options, is_sensor=sensor is not None)[0], sensor
+        return read_traces(table, **options, is_sensor=sensor is not None), sensor
     if isinstance(traces, Simulation):
         traces = traces.to_traces()
     items = [traces] if isinstance(traces, StressTrace) else traces
@@ -474,10 +530,11 @@ def _load_traces(
                 found=item,
                 expected=_EXPECTED,
             )
-    for name, option in (("columns", columns), ("gain_pa", gain_pa), ("resample_ms", resample_ms)):
+    options = {"columns": columns, "gain_pa": factor, "resample_ms": resample_ms}
+    for name, option in options.items():
         if option is not None:
             raise UsageError("is for a table of traces only", argument=name)
-    return items if isinstance(items, Traces) else Traces(items)
+    return (items if isinstance(items, Traces) else Traces(items)), None
 
 
 def read_stress(
@@ -485,6 +542,7 @@ def read_stress(
     columns: Mapping[str, str | Sequence[str]] | None = None,
     gain_pa: float | None = None,
     resample_ms: float | None = None,
+    is_sensor: bool = False,
 ) -> tuple[Traces, Path]:
     """Traces of a table, a simulation or a run folder, with their run; and the file.
 
@@ -499,7 +557,13 @@ def read_stress(
     made_by = "simulate and run leave stress in a folder, `ingest -o traces.csv` in a table"
     path = find_file(source, (TRACES_FILE, "traces.csv", RUN_FILE), made_by)
     if path.suffix != ".npz" and path.name != RUN_FILE:
-        traces = read_traces(path, columns=columns, gain_pa=gain_pa, resample_ms=resample_ms)
+        traces = read_traces(
+            path,
+            columns=columns,
+            gain_pa=gain_pa,
+            resample_ms=resample_ms,
+            is_sensor=is_sensor,
+        )
         return traces, path
     for name, option in (("columns", columns), ("gain_pa", gain_pa), ("resample_ms", resample_ms)):
         if option is not None:
@@ -557,9 +621,12 @@ def _prepare_traces(
         (trace, afferent)
         for trace in traces
         if stimulus is None or (trace.stimulus or name) == stimulus
-        for afferent in ([trace.afferent] if trace.afferent else afferents or ["none"])
+        for afferent in ([trace.afferent] if trace.afferent else afferents or parameters)
         if not afferents or afferent in afferents
     ]
+    if not afferents and any(not trace.afferent for trace in traces):
+        names = ", ".join(parameters)
+        _LOGGER.info(f"no class of an afferent is named: encoded as {names}; --afferent selects")
     if not classes:
         expected = " or ".join(dict.fromkeys(str(trace.afferent) for trace in traces))
         raise UsageError(argument="afferents", found=afferents, expected=expected or "a trace")

@@ -23,7 +23,7 @@ FOLDER = "sample"
 class Sample:
     """A sample: what it is, its main file, the command that reads it, and what writes it.
 
-    In `commands`, ``{file}`` is the path of the main file.
+    In `commands`, ``{file}`` is the path of the main file, ``{folder}`` its folder.
     """
 
     contents: str
@@ -39,7 +39,8 @@ def sample(name: str = "frd", folder: str | Path = FOLDER) -> Path:
     ----------
     name
         ``frd`` (run folder with results of CalculiX), ``deck`` (a finger model as a CalculiX
-        deck), ``pressure`` (a robot's pressure signal), ``waveform`` (depth of a probe over
+        deck), ``pressure`` (a robot's pressure signal), ``press`` (a robot's
+        sensors under a known press), ``waveform`` (depth of a probe over
         time), ``rates`` (firing rates of 37 sinusoids, by TouchSim) or ``touches`` (a study of
         twelve touches). Default: ``frd``.
     folder
@@ -92,6 +93,19 @@ def _write_pressure(folder: Path) -> None:
     write_text(folder / "pressure.csv", "\n".join(["time_s,pressure_kpa", *lines, ""]))
 
 
+def _write_press(folder: Path) -> None:
+    """A press of 0.05 N on the left of two sensors in volts, and a grasp with a slip at 60 Hz."""
+    time_s = np.arange(0, 1, 0.0005)
+    volts = 0.4 + 0.8 * np.interp(time_s, [0.2, 0.4, 0.6, 0.8], [0, 1, 1, 0])
+    lines = [f"{time:.4f},{value:.4f},0.3800" for time, value in zip(time_s, volts, strict=True)]
+    write_text(folder / "press.csv", "\n".join(["t,left,right", *lines, ""]))
+    grasp = np.interp(time_s, [0.1, 0.15, 0.7, 0.75], [0, 0.6, 0.6, 0])
+    grasp += 0.05 * np.sin(2 * np.pi * 60 * time_s) * ((time_s > 0.3) & (time_s < 0.5))
+    rows = zip(time_s.tolist(), (0.4 + grasp).tolist(), (0.38 + 0.7 * grasp).tolist(), strict=True)
+    lines = [f"{time:.4f},{left:.4f},{right:.4f}" for time, left, right in rows]
+    write_text(folder / "robot.csv", "\n".join(["t,left,right", *lines, ""]))
+
+
 def _write_waveform(folder: Path) -> None:
     """Two taps of 200 um, smooth, 50 ms each."""
     time_ms = np.arange(0, 200.5, 0.5)
@@ -116,7 +130,7 @@ name = "letters"
 
 [touches]                       # settings of every touch
 population = "grid:step_mm=2"
-press_n = 0.2
+press_um = 250
 ramp_ms = 20
 hold_ms = 100
 
@@ -146,11 +160,17 @@ SAMPLES: Mapping[str, Sample] = {
     "pressure": Sample(
         "signal of a robot's pressure sensor at 2 kHz: a press and a vibration",
         "pressure.csv",
-        (
-            "fembridge encode {file} --columns time=time_s,value=pressure_kpa "
-            "--afferent SA,RA,PC --resample-ms 0.5",
-        ),
+        ("fembridge encode {file}",),
         _write_pressure,
+    ),
+    "press": Sample(
+        "two sensors of a gripper in volts: a press of 0.05 N on one, and a grasp (robot.csv)",
+        "press.csv",
+        (
+            "fembridge calibrate {file} --force-n 0.05",
+            "fembridge encode {folder}/robot.csv --calibration calibration.toml",
+        ),
+        _write_press,
     ),
     "waveform": Sample(
         "depth of a probe over time: two taps",

@@ -77,6 +77,16 @@ class Simulation(Shown):
         Firing rates in the same order; of a population the mean over its cells.
     origin
         How the stress was computed. Default: empty.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> result = fb.simulate("sine_20_250", stored=True)
+    >>> result.rates["rate_ips"].round(1).tolist()
+    [26.5, 51.8, 42.9]
+    >>> result.write("out")
+    >>> fb.Simulation.read("out").spikes.equals(result.spikes)
+    True
     """
 
     stimuli: tuple[Stimulus, ...]

@@ -61,6 +61,13 @@ class DeckCheck:
         Changes that a waveform makes, each with its line.
     cost
         Increments, iterations and seconds of a run; empty for a deck that takes no waveform.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> check = fb.check(fb.sample("deck"))
+    >>> check.problems, check.materials["material"].tolist()[1:3]
+    ((), ['EPIDERMIS', 'DERMIS'])
     """
 
     def __init__(

@@ -35,6 +35,13 @@ class FingertipDeck:
         Number of nodes of the set of each class, as AFFERENTS_SA.
     worst_scaled_jacobian
         Quality of the worst element by its corners: 1 if regular, 0 if flat.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> deck = fb.write_fingertip("tip.inp")  # doctest: +SKIP
+    >>> deck.afferents["SA"] > 100  # doctest: +SKIP
+    True
     """
 
     path: Path

@@ -469,6 +469,14 @@ class Touches(Shown):
         Files of the data set.
     unwritten
         Causes of touches that could not be written, by number. Default: none.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> rows = [{"press_um": 200, "population": "one_each", "label": text} for text in "ab"]
+    >>> data = fb.touch_many(rows, jobs=1)
+    >>> data.counts(bin_ms=100).shape
+    (2, 1, 3, 7)
     """
 
     store: Store

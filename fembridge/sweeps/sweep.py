@@ -367,6 +367,13 @@ class Sweep(Shown):
         Items that failed, in the order of the study. Default: none.
     finished_before
         Number of items that were finished when the sweep began. Default: 0.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> sweep = fb.sweep({"stimuli": ["sine_20_250"], "stored": True}, "sweep")
+    >>> sweep.results["status"].tolist()
+    ['done', 'done', 'done']
     """
 
     folder: Path

@@ -299,6 +299,7 @@ def _value(name: object, value: object) -> Any:  # noqa: ANN401 - a cell
     if not isinstance(name, str) or not _is_column(name):
         expected = "an argument of fembridge.touch, or label or label_..."
         hint = near_hint(str(name), [*SETTINGS, "trajectory", *_PAIRS])
+        hint = hint or f"; expected {expected}"
         problem = f"is no column of a table of touches{hint}"
         raise UsageError(problem, argument=str(name), found=name, expected=expected)
     if isinstance(value, np.generic):

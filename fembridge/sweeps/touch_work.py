@@ -41,10 +41,12 @@ from fembridge.touching.touch import (
 from fembridge.touching.trajectory import Trajectory
 from fembridge.typing import FloatArray, IntArray
 from fembridge.version import __version__
+from neural.compiled import compile_for
 from neural.parameter_sets import ParameterSet, parameter_set, parameters_to_table
 
 POPULATION = "fingertip"
 _LONG_S = 5.0
+_MANY_NUMBERS = 10_000_000
 
 _ALWAYS_FILES = ("path", "pins", "map", "finger")
 # A worker of dask may have several threads, and a process has one filter of warnings.
@@ -140,6 +142,7 @@ def run_trial(batch: Batch) -> list[Outcome]:
     outcomes = run_batch(batch)
     if sum(outcome.contact_s + outcome.encode_s for outcome in outcomes) > _LONG_S:
         return outcomes
+    compile_for(_MANY_NUMBERS)  # as it will be after some touches
     return run_batch(batch)
 
 

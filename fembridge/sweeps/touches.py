@@ -77,6 +77,7 @@ from fembridge.sweeps.touch_work import (
     run_trial,
     units_of,
 )
+from fembridge.touching.large_strain import SMALL_UM
 from fembridge.touching.pad import Pad
 from fembridge.touching.population import Population
 from fembridge.touching.shape import Shape
@@ -105,7 +106,8 @@ _PART_TOUCHES, _MOST_PART_TOUCHES, _PARTS = 64, 256, 400
 _LOCK = ".lock"
 _CLUSTER_BATCHES = 2000  # submitted to a cluster at a time
 _TRIALS_FROM = 10  # touches, from which on their cost is estimated
-_MOST_KINDS = 6
+_MOST_KINDS, _TOUCHES_OF_A_KIND = 10, 5  # that are tried at most; touches for each trial
+_LEAST_N = 1e-3  # forces below are alike
 _PROGRESS_S = 5.0
 _SILENT_S = 60.0  # after the last report a run is taken to have ended
 _MOST_WARNINGS = 5
@@ -705,7 +707,8 @@ def _estimate(
     kinds: dict[str, list[int]] = {}
     for touch in part_of_touch:
         kinds.setdefault(_kind(plan.rows[touch]), []).append(touch)
-    tried = sorted(kinds.values(), key=len, reverse=True)[:_MOST_KINDS]
+    trials = min(_MOST_KINDS, max(len(part_of_touch) // _TOUCHES_OF_A_KIND, 1))
+    tried = sorted(kinds.values(), key=len, reverse=True)[:trials]
     costs: list[tuple[list[int], Outcome]] = []
     for touches in tried:
         with suppress(Exception):  # it fails again in the run, with its cause
@@ -733,7 +736,10 @@ def _kind(row: Settings) -> str:
     for name in ("shape", "population"):
         if isinstance(value := row.get(name), str):
             names[name] = value.partition(":")[0]
-    names["control"] = "force" if "press_n" in row else "depth"
+    if "press_n" in row:  # twice the force may take twice as long
+        names["level"] = f"{math.floor(math.log2(max(row['press_n'], _LEAST_N)))} N"
+    elif (depth_um := row.get("press_um", 0.0)) > SMALL_UM:  # large strain takes ten times as long
+        names["level"] = f"{math.floor(depth_um / SMALL_UM)} um"
     return repr(sorted(names.items()))
 
 
@@ -907,11 +913,11 @@ def _begin(plan: Plan, store: Store) -> Plan:
     positions, further = plan.positions_of(read_rows(store)[0])
     missing = positions.count(None)
     if earlier["fembridge"] != __version__:
-        problem = f"by version {earlier['fembridge']} of fembridge"
+        problem = f"by version {earlier['fembridge']} of fembridge, use that"
     elif earlier["forces_step_ms"] != plan.forces_step_ms:
-        problem = f"with forces every {earlier['forces_step_ms']:g} ms"
+        problem = f"with forces every {earlier['forces_step_ms']:g} ms, use that step"
     elif missing:
-        problem = f"of which {missing} of {rows} touches are not in this table"
+        problem = f"of which {missing} of {rows} touches are not in this table, only add rows"
     else:
         order = [row for row in positions if row is not None] + further
         if not further:
@@ -919,7 +925,7 @@ def _begin(plan: Plan, store: Store) -> Plan:
         _LOGGER.info(f"{len(further)} touches are added to {rows}")
         return _described(plan.ordered(order, (*extents, rows)), store)
     if not _is_of_failures(store):
-        raise OutputError(f"has a data set {problem}, choose another folder", Path(str(store)))
+        raise OutputError(f"has a data set {problem}, or choose another folder", Path(str(store)))
     for part in finished_parts(store):  # "touches" first: it marks the others as complete
         for name in reversed(TABLES):
             store.remove(part_name(name, part))

@@ -620,12 +620,12 @@ class _BorderedFactor:
         first, end = self._count, self._count + added.size
         has_entered = ~self._is_known[added]
         entering, left = added[has_entered], self._place[added[~has_entered]]
-        beside = np.zeros((self._rows.size, added.size), dtype=np.float32, order="F")
-        beside[:, has_entered] = self._across[:, entering]
-        beside[left, np.flatnonzero(~has_entered)] = 1.0
-        self._solved[:, first:end], _ = spotrs(self._triangle, beside, lower=1)
+        columns = np.zeros((self._rows.size, added.size), dtype=np.float32, order="F")
+        columns[:, has_entered] = self._across[:, entering]
+        columns[left, np.flatnonzero(~has_entered)] = 1.0
+        self._solved[:, first:end], _ = spotrs(self._triangle, columns, lower=1)
         self._column[added] = np.arange(first, end)
-        corner = beside.T @ self._solved[:, :end]
+        corner = columns.T @ self._solved[:, :end]
         earlier = np.flatnonzero((self._column >= 0) & ~self._is_known)
         corner[np.ix_(has_entered, self._column[earlier])] -= entries[entering][:, earlier]
         self._corner[first:end, :end] = corner

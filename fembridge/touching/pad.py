@@ -166,6 +166,13 @@ class Pad(ABC):
     """Responses of the skin of a model to unit forces on it, for `touch`.
 
     `make_pad` computes one, of a finger or of any mesh; `read` and `write` are its file.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> result = fb.touch("sphere", press_um=100, population="one_each", pad="reference")
+    >>> bool(result.force_n.max() > 0.01)
+    True
     """
 
     spacing_mm: float

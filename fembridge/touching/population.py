@@ -16,7 +16,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import lru_cache, partial
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -598,8 +598,16 @@ def resolve_population(
     if not isinstance(population, str):
         expected = "a Population, a DataFrame, a text or a path"
         raise UsageError(argument="population", found=population, expected=expected)
+    if isinstance(finger, Pad) and population.partition(":")[0] in POPULATIONS:
+        return _named(population, finger)
     read = partial(Population.from_table, finger=finger)
     return from_specification(population, "population", POPULATIONS, read, ".csv", finger=finger)
+
+
+@lru_cache(maxsize=4)
+def _named(population: str, pad: Pad) -> Population:
+    """The population of a specification on a pad, kept for the next touch."""
+    return from_specification(population, "population", POPULATIONS, finger=pad)
 
 
 def check_inside(pad: Pad, units: Population) -> None:
@@ -618,12 +626,18 @@ def check_inside(pad: Pad, units: Population) -> None:
     FembridgeWarning
         Units along the finger that a force in the middle of the pad does not reach.
     """
-    for margin in pad.margins(units.x_mm, units.z_mm):
-        _refuse(units, margin.rows, margin.problem)
+    _check_places(pad, units)
     far = pad.far_margin(units.x_mm, units.z_mm)
     if far is not None and far.rows.any():
         row = int(far.rows.argmax())
         warn(f"unit {units.unit[row]} {far.problem(row)}{_and_others(far.rows)}")
+
+
+@lru_cache(maxsize=4)
+def _check_places(pad: Pad, units: Population) -> None:
+    """Refuse units where the pad has no skin or stress; those of earlier touches are not."""
+    for margin in pad.margins(units.x_mm, units.z_mm):
+        _refuse(units, margin.rows, margin.problem)
     unit, x_mm, z_mm, _ = units.endings()
     layers, depth_mm = np.array(units.layer)[unit], units.depth_mm[unit]
     for layer in np.unique(layers):

@@ -336,17 +336,19 @@ class PrismPad(Pad):
         """
         return nodes, forces_n
 
-    def values_at(self, nodes: "LatticeNodes", values: FloatArray) -> FloatArray:
-        """Values ``(n,)`` at nodes that may touch.
+    def weights_on_pad(self, nodes: "LatticeNodes") -> tuple["csr_array", "LatticeNodes"]:
+        """Nodes of known stress near some nodes, and weights ``(n, node)`` that read between them.
 
         Parameters
         ----------
         nodes
             Nodes of this pad.
-        values
-            Values at the nodes whose stress is known, ``(column, row)``.
         """
-        return values[nodes.column, nodes.row + self.end_row]
+        from scipy.sparse import csr_array
+
+        one = np.arange(nodes.size)
+        weights = csr_array((np.ones(nodes.size, dtype=np.float32), (one, one)))
+        return weights, nodes
 
     def first_touch_mm(self, shape: Shape) -> float:
         """How far `shape` is over the skin where it touches first, see `Pad`."""

@@ -121,6 +121,13 @@ class ReceptiveField(Shown):
         or more, ``(U,)``.
     origin
         Pad, parameters and version, for the record. Default: nothing.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> fields = fb.receptive_field("SA", units=3, depth_um=[200], step_mm=1.0)
+    >>> fields.threshold_um.shape
+    (3,)
     """
 
     afferent: str
@@ -569,9 +576,9 @@ def receptive_field(
         endings_mm=endings_mm,
         sa_von_mises=sa_von_mises,
     )
+    wave = _wave(frequency_hz)
     drive_pa, force_n = probe.drive(population, across, along)
     response = _Response(afferent, class_parameters, population, probe.level_um, drive_pa)
-    wave = _wave(frequency_hz)
     hot = response.hot_spot()
     threshold_um = response.thresholds_um(hot, wave)
     force_there_n = force_n.reshape(len(force_n), -1)[:, hot]

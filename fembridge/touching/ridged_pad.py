@@ -155,16 +155,11 @@ class RidgedPad(PrismPad):
         self, nodes: LatticeNodes, forces_n: FloatArray | SingleArray
     ) -> tuple[LatticeNodes, FloatArray | SingleArray]:
         """Nodes of the pad, and forces ``(S, node)`` on them that stand for those on `nodes`."""
-        weights, on_pad = self._weights(nodes)
+        weights, on_pad = self.weights_on_pad(nodes)
         spread = np.ascontiguousarray((weights.T @ forces_n.T).T)
         return on_pad, spread
 
-    def values_at(self, nodes: LatticeNodes, values: FloatArray) -> FloatArray:
-        """Values ``(n,)`` at nodes of the grid, from those at nodes of the pad, see `PrismPad`."""
-        weights, on_pad = self._weights(nodes)
-        return np.asarray(weights @ values[on_pad.column, on_pad.row + self.smooth_pad.end_row])
-
-    def _weights(self, nodes: LatticeNodes) -> "tuple[csr_array, LatticeNodes]":
+    def weights_on_pad(self, nodes: LatticeNodes) -> "tuple[csr_array, LatticeNodes]":
         """W of some nodes ``(n, node of the pad)``, and those nodes of the pad."""
         from scipy.sparse import csr_array
 

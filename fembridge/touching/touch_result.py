@@ -68,6 +68,13 @@ class Touch(Shown):
         Number of trials. Default: 1.
     origin
         Inputs of the touch, see `provenance`. Default: nothing.
+
+    Examples
+    --------
+    >>> import fembridge as fb
+    >>> result = fb.touch("punch:diameter_mm=1", press_um=200, population="one_each")
+    >>> result.rates["afferent"].tolist(), bool(result.force_n.max() > 0)
+    (['SA', 'RA', 'PC'], True)
     """
 
     population: Population

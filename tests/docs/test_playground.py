@@ -199,6 +199,25 @@ def test_a_drawn_waveform_is_encoded_and_its_file_repeats_it(open_playground, tm
     page.wait(f"!{PLACE}.waits && !{PLACE}.stale")
 
     assert np.abs(np.subtract(page.run(f"{PLACE}.state.own_um"), before)).max() > 50
+    assert_the_file_repeats(page, tmp_path)
+
+
+@pytest.mark.filterwarnings("ignore:parameter set fitted was fitted at:UserWarning")
+@pytest.mark.parametrize(
+    "fragment",
+    [
+        "#kind=noise&rms_um=30&low_hz=20&high_hz=200&preindent_um=75&seed=3",
+        "#kind=sine&amplitude_um=300&frequency_hz=30&preindent_um=150",  # deeper than the map
+    ],
+)
+def test_what_no_id_names_is_saved_as_a_file(open_playground, tmp_path, fragment):
+    page = open_playground(fragment=fragment)
+    command = page.run("document.querySelector('.playground-foot code').textContent")
+    assert command == "fembridge simulate --stimulus waveform.csv"
+    assert_the_file_repeats(page, tmp_path)
+
+
+def assert_the_file_repeats(page, tmp_path):
     saved = "URL.createObjectURL = (file) => { window.saved = file.text(); return '#'; };"
     page.run(saved + "document.querySelectorAll('.playground-foot button')[1].click()")
     (tmp_path / "waveform.csv").write_text(page.run("window.saved"))

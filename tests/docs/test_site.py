@@ -1,6 +1,7 @@
 """The documentation site: what its check finds, and that the reference is complete."""
 
 import importlib.util
+import inspect
 import re
 from pathlib import Path
 
@@ -36,6 +37,15 @@ def look():
         "<script>fetch('https://example.org/a.json')</script>",
         "<script>image.src = 'https://example.org/a.png'</script>",
         "<script type='module'>import x from 'https://example.org/x.mjs'</script>",
+        "<script>const base = `https://example.org/`; load(base + 'a.js')</script>",
+        '<form action="https://example.org/search"></form>',
+        '<base href="https://example.org/">',
+        '<link rel="preload" imagesrcset="https://example.org/a.png 1x">',
+        '<a href="a.png" ping="https://example.org/p">a</a>',
+        """<img src="a.png" onload="this.src='https://example.org/b.png'">""",
+        """<iframe srcdoc="<img src='https://example.org/b.png'>"></iframe>""",
+        '<meta http-equiv="refresh" content="0; url=https://example.org/">',
+        '<body background="//example.org/a.png"></body>',
     ],
 )
 def test_an_outside_address_that_is_loaded_is_found(look, tmp_path, text):
@@ -54,6 +64,9 @@ def test_an_outside_address_that_is_loaded_is_found(look, tmp_path, text):
         '<link rel="canonical" href="https://example.org/page.html">',
         '<a href="page.html#part">here</a> <a href="#part">here</a>',
         '<svg xmlns="http://www.w3.org/2000/svg"></svg>',
+        "<script>document.createElementNS('http://www.w3.org/2000/svg', 'g')</script>",
+        "<script>/* see https://example.org */ let a = 1; // 'https://example.org'\n</script>",
+        '<meta name="citation" content="https://example.org">',
         '<img src="data:image/png;base64,AAAA">',
     ],
 )
@@ -89,3 +102,31 @@ def test_the_reference_has_every_public_name():
     assert names["fembridge"] == set(fembridge._HOMES) | set(fembridge.__all__)
     assert names["neural"] == set(neural.__all__)
     assert names["decks"] == set(decks.__all__) - set(fembridge._HOMES)
+
+
+def test_each_public_name_but_tables_and_plain_types_has_an_example():
+    for name in sorted(set(fembridge._HOMES) | set(fembridge.__all__)):
+        assert ">>>" in (inspect.getdoc(getattr(fembridge, name)) or ""), name
+    for name in set(neural.__all__) - {"MODELS", "PUBLISHED", "Parameters", "StreamSpike"}:
+        assert ">>>" in (inspect.getdoc(getattr(neural, name)) or ""), name
+
+
+def test_decisions_have_one_topic_and_one_number_each():
+    folder = ROOT / "docs/decisions"
+    listed = re.findall(
+        r"^- \[\]\(\./(\d{4}-[\w-]+\.md)\)$", (folder / "index.md").read_text(), re.MULTILINE
+    )
+    notes = [path.name for path in folder.glob("[0-9]*.md")]
+
+    assert len(listed) > 60
+    assert len(set(listed)) == len(listed)
+    assert set(listed) <= set(notes)
+    assert len({name[:4] for name in notes}) == len(notes)
+
+
+def test_each_page_of_a_section_is_in_its_index():
+    for section in ("how_to", "science", "tutorials"):
+        folder = ROOT / "docs" / section
+        index = (folder / "index.md").read_text(encoding="utf-8")
+        for page in folder.glob("*.md"):
+            assert page.stem == "index" or f"({page.name})" in index, f"{section}/{page.name}"

@@ -56,7 +56,8 @@ def table():
 def as_in_table(request, table):
     """Check that a line is what the table says of the test that asks."""
 
-    def check(line):
+    def check(text):
+        line = text.partition("\nnext:")[0].strip()  # without the command that follows
         place = Path(request.node.path).relative_to(ROOT / "tests").as_posix()
         asking = (request.node.name, request.function.__name__)
         names = {f"{place}::{name}" for name in asking}

@@ -45,6 +45,8 @@ def test_a_read_only_folder_is_said_in_one_line_and_finished_results_in_it_are_t
     shown = json.loads(apart(mount, PROGRAM, json.dumps([*commands, ["run", str(finished)]])))
 
     assert [code for code, _ in shown] == [1, 1, 1, 1, 0]
+    *_, (_, last) = shown
+    del last[last.index("next:") :]
     assert [len(lines) for _, lines in shown] == [1, 1, 1, 3, 1]  # of simulate two on the model
     for _, lines in shown:
         as_in_table(lines[-1].removeprefix("fembridge: "))

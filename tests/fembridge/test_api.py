@@ -37,7 +37,7 @@ def here(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "")
 
 
-HOMES = [importlib.import_module(home) for home in sorted(set(fb._HOMES.values()))]
+HOMES = [importlib.import_module(home) for home in sorted({*fb._HOMES.values(), "decks.presets"})]
 SLOW = "fembridge.reporting.validation"  # tested beside it
 MODULES = [
     fb,

@@ -27,7 +27,8 @@ def test_a_set_gives_a_folder_a_level(here, capsys):
     assert main(words) == 0
     streams = capsys.readouterr()
     folders = [f"runs/noise_25_250_{level}" for level in LEVELS]
-    assert streams.out.splitlines() == [f"{folder}  520 increments of 0.5 ms" for folder in folders]
+    lines = [f"{folder}  520 increments of 0.5 ms" for folder in folders]
+    assert streams.out.splitlines() == [*lines, "next:", "  fembridge run runs/*"]
     [line] = streams.err.splitlines()
     assert "75 um" in line
     assert sorted(f"runs/{path.name}" for path in (here / "runs").iterdir()) == sorted(folders)

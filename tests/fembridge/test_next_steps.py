@@ -8,11 +8,20 @@ from pathlib import Path
 
 import pytest
 
+import fembridge as fb
 from fembridge.cli import FIRST_HOUR, VERBS, complete_parser, main
 from fembridge.commands.next_steps import next_commands
+from fembridge.commands.plot import _trains
 
 SIMULATE = ["simulate", "--stimulus", "sine_20_250", "--stored", "-o", "out"]
 TOUCH = ["touch", "--press-um", "100", "--population", "one_each", "--no-plot", "-o", "touched"]
+
+
+@pytest.fixture
+def without_solver(monkeypatch, tmp_path):
+    """Stored responses: a solver would solve the finger in each test."""
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("FEMBRIDGE_CCX", raising=False)
 
 
 def printed(words, capsys, code=0):
@@ -35,7 +44,7 @@ def test_without_a_verb_the_first_hour_of_each_kind_of_user_comes_first(capsys):
     assert max(map(len, text.splitlines())) <= 100
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("here", "without_solver")
 @pytest.mark.parametrize("rows", FIRST_HOUR.values(), ids=FIRST_HOUR)
 def test_the_commands_of_the_first_hour_work(rows, capsys):
     for _, command in rows:
@@ -44,7 +53,7 @@ def test_the_commands_of_the_first_hour_work(rows, capsys):
     capsys.readouterr()
 
 
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("here", "without_solver")
 @pytest.mark.parametrize(
     "first",
     [
@@ -182,3 +191,37 @@ def test_plot_of_a_folder_without_results_names_it(capsys):
     assert "empty" in capsys.readouterr().err
     assert main(["plot", "rastr", "out"]) == 2
     assert "raster" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ("plot nowhere", "nowhere: no such folder; a picture is named by mesh, response, trace"),
+        ("plot xy.csv", "xy.csv: not a folder; `fembridge plot PICTURE xy.csv` draws a file"),
+        ("report nowhere", "nowhere: folder does not exist, expected: a run folder"),
+        ("report empty", "empty: folder is none of these: a run folder"),
+        ("explore nowhere", "nowhere: no such folder, expected: a "),
+        ("explore xy.csv", "xy.csv: is none of these: a "),
+        ("sweep xy.csv", "x is no column of a table of touches; expected an argument of"),
+    ],
+)
+@pytest.mark.usefixtures("here")
+def test_a_wrong_path_or_table_gets_one_line_with_the_way_out(words, line, capsys):
+    Path("empty").mkdir()
+    Path("xy.csv").write_text("x,y\n1,2\n", encoding="utf-8")
+    assert main(shlex.split(words)) == (1 if words.startswith("sweep") else 2)  # 1: its contents
+    [printed] = capsys.readouterr().err.splitlines()
+    assert line in printed
+
+
+@pytest.mark.usefixtures("here")
+def test_rates_of_a_touch_are_means_over_silent_units_too(capsys):
+    main(["touch", "--press-um", "150", "--no-plot", "-o", "touched"])
+    capsys.readouterr()
+    assert main(["plot", "psth", "touched", "--json"]) == 0
+    spikes = json.loads(capsys.readouterr().out)["spikes"]
+    touch = fb.Touch.read("touched")
+    assert spikes == len(touch.spikes)
+    silent = (touch.rates["rate_ips"] == 0).sum()
+    assert silent > 100
+    assert sum(train.times_ms.size == 0 for train in _trains(Path("touched/spikes.csv"))) >= silent

@@ -39,6 +39,7 @@ LINES = {
     "ingest": "run_folder",
     "export-script": "",
     "export-c": "",
+    "calibrate": "press.csv --depth-um 200 -o calibration.toml",
     "encode": "traces.csv --no-raster -o encoded",
     "simulate": "--stimulus sine_20_250 --stored --no-plot -o out",
     "touch": "--press-um 200 --population one_each --no-plot -o out",
@@ -52,6 +53,7 @@ LINES = {
     "verify": "--quick --only patch -o verification",
     "deflect": "--finger quick -o deflection",
     "report": "run_folder -o report.html",
+    "explore": "run_folder -o explore.html",
     "sample": "waveform -o sample",
     "plot mesh": "-o mesh.png",
     "plot response": "-o response.png",
@@ -75,6 +77,8 @@ COSTLY = {"validate", "verify", "study", "pad", "doctor"}
 FILES = {
     "traces.csv": "time_ms,afferent,node,von_mises_pa\n"
     + "".join(f"{0.5 * row},SA,1,{1e4 + 900 * (row % 9)}\n" for row in range(40)),
+    "press.csv": "time_ms,volts\n"
+    + "".join(f"{row},{0.5 + min(max(row - 20, 0), 10) / 10}\n" for row in range(60)),
     "spikes.csv": "stimulus,afferent,trial,spike_time_ms\nsine_20_250,SA,0,7.5\n",
     "rates.csv": "stimulus,afferent,rate_ips\nsine_20_250,SA,25\nsine_50_250,SA,30\n",
     "coarse_tip.toml": 'base = "fingertip"\n[resolution]\npad_mm = 3\nfar_mm = 4\norder = 1\n',

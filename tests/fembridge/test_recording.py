@@ -257,3 +257,85 @@ def test_a_trial_ends_where_its_own_waveform_does(tmp_path):
 
     stored = loadmat(recording.write(tmp_path / "a.mat"), squeeze_me=True, struct_as_record=False)
     assert_allclose(stored["response"].rate, [500.0, 1000.0])
+
+
+def test_events_have_a_row_for_each_class_and_a_pixel_for_each_unit(recording, folder):
+    events = np.load(recording.write(folder / "a.npy"))
+    assert events.dtype.names == ("t", "x", "y", "p")
+    assert events.size == recording.time_ms.size > 100
+    assert (np.diff(events["t"]) >= 0).all() and events["p"].all()
+    for k, trial_ms in enumerate(recording.trial_ms):
+        for u, name in enumerate(recording.afferent):
+            x, y = recording.afferent[:u].count(name), ("SA", "RA", "PC").index(name)
+            expected = np.rint(1000 * (recording.spikes_ms(u, k) + trial_ms))
+            found = events["t"][(events["x"] == x) & (events["y"] == y)]
+            assert np.isin(expected, found).all()
+
+
+def test_pixels_by_position_have_the_tip_above_and_classes_side_by_side(recording):
+    events = recording.to_events(event_grid_mm=1.0)
+    x_mm, z_mm = recording.columns["x_mm"], recording.columns["z_mm"]
+    width = int(np.floor(np.ptp(x_mm))) + 1
+    firing = {name: set() for name in ("SA", "RA", "PC")}
+    for u, name in enumerate(recording.afferent):
+        if any(recording.spikes_ms(u, k).size for k in range(3)):
+            column = int(x_mm[u] - x_mm.min()) + width * ("SA", "RA", "PC").index(name)
+            firing[name].add((column, int(z_mm.max() - z_mm[u])))
+    assert set(zip(events["x"].tolist(), events["y"].tolist(), strict=True)) == set().union(
+        *firing.values()
+    )
+
+
+def test_aedat4_is_read_by_another_library(recording, folder):
+    """Python's `aedat`; dv-processing 2.0 read the same files, also by a range of time."""
+    aedat = pytest.importorskip("aedat")
+    decoder = aedat.Decoder(str(recording.write(folder / "a.aedat4")))
+    units = max(recording.afferent.count(name) for name in ("SA", "RA", "PC"))
+    assert decoder.id_to_stream() == {0: {"type": "events", "width": units, "height": 3}}
+    packets = [packet["events"] for packet in decoder]
+    assert len(packets) > 1
+    assert_array_equal(
+        [list(row) for row in np.concatenate(packets).tolist()],
+        [list(row) for row in recording.to_events().tolist()],
+    )
+
+
+def test_aedat4_of_no_spikes_has_no_packets(folder):
+    aedat = pytest.importorskip("aedat")
+    silent = fb.Recording.from_trains([SpikeTrain("s", "SA", np.zeros(0))], 0.5, 100.0)
+    path = silent.write(folder / "silent.aedat4")
+    assert list(aedat.Decoder(str(path))) == []
+
+
+@pytest.mark.parametrize(
+    ("make", "argument"),
+    [
+        (lambda r, _: r.to_events(0.0), "event_grid_mm"),
+        (lambda r, _: r.to_events(1e-6), "event_grid_mm"),
+        (lambda r, folder: r.write(folder / "x.npz", event_grid_mm=1.0), "event_grid_mm"),
+        (
+            lambda _, __: fb.simulate("sine_20_250", stored=True).to_recording().to_events(1.0),
+            "event_grid_mm",
+        ),
+    ],
+)
+def test_events_without_a_pixel_are_refused(recording, folder, make, argument):
+    with pytest.raises(UsageError) as caught:
+        make(recording, folder)
+    assert caught.value.argument == argument
+
+
+def test_events_of_touches_and_encodings_are_exported(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    words = ["--press-n", "0.1", "--population", UNITS, "--no-plot", "--event-grid-mm", "0.5"]
+    assert main(["touch", "--shape", "sphere", *words, "--export", "events,aedat4"]) == 0
+    touch = fb.Touch.read("out")
+    assert_array_equal(np.load("out/spikes.npy"), touch.to_recording().to_events(0.5))
+    assert (tmp_path / "out/spikes.aedat4").read_bytes().startswith(b"#!AER-DAT4.0")
+    assert main(["sample", "pressure"]) == 0
+    words = ["--no-raster", "--export", "aedat4", "--export", "events"]
+    assert main(["encode", "sample/pressure.csv", *words]) == 0
+    encoding = fb.Encoding.read("encoded")
+    assert_array_equal(np.load("encoded/spikes.npy"), encoding.to_recording().to_events())
+    assert (tmp_path / "encoded/spikes.aedat4").stat().st_size > 16 * len(encoding.spikes)
+    assert main(["touch", "--event-grid-mm", "0.5", "--no-plot"]) == 2

@@ -22,7 +22,9 @@ def printed_commands(out):
 
 @pytest.mark.filterwarnings("default")
 @pytest.mark.parametrize("name", SAMPLES)
-def test_the_commands_printed_for_a_sample_work_as_printed(here, capsys, name):
+def test_the_commands_printed_for_a_sample_work_as_printed(here, capsys, monkeypatch, name):
+    """Without a solver."""
+    monkeypatch.setenv("PATH", str(here))
     assert cli.main(["sample", name, "-o", "a sample"]) == 0
     commands = printed_commands(capsys.readouterr().out)
     assert len(commands) == len(SAMPLES[name].commands)

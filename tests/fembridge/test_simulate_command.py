@@ -60,7 +60,8 @@ def test_the_example_of_the_help_gives_six_files_a_table_and_one_note(here, caps
     rates = read_rates(here / "out/rates.csv")
     assert len(rates) == 15
     assert first["raster.png"][:4] == b"\x89PNG"
-    table = streams.out.splitlines()
+    *table, before_next, following = streams.out.splitlines()
+    assert (before_next, following.strip()) == ("next:", "fembridge plot out")
     assert table[0].split() == ["stimulus", "SA", "RA", "PC", "impulses/s"]
     assert len(table) == 7
     for k, line in enumerate(table[1:6]):

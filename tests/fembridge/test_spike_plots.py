@@ -142,13 +142,16 @@ def heights(panel):
     return tops
 
 
-def test_rows_of_a_class_share_a_scale_that_is_printed_below_its_name():
+def test_rows_of_a_class_share_a_scale_which_is_an_axis_of_round_numbers():
     trains = [timed([1, 2, 3, 4]), timed([6, 8], stimulus="weak"), timed([1], afferent="PC")]
     sa, pc = psth_figure(trains, bin_ms=5.0).axes
     strong, weak = heights(sa)
     assert weak == pytest.approx(strong / 2)
-    assert sa.texts[0].get_text() == "row height: 800 impulses/s"
-    assert pc.texts[0].get_text() == "row height: 200 impulses/s"
+    texts = [[text.get_text() for text in panel.texts] for panel in (sa, pc)]
+    assert texts[0] == ["impulses/s", *["0", "500"] * 2]
+    assert texts[1] == ["impulses/s", *["0", "200"] * 2]
+    floor, end = next(line.get_ydata() for line in sa.lines if np.ptp(line.get_ydata()))
+    assert floor - end == pytest.approx(strong * 500 / 800)
     assert sa.collections[0].get_facecolor()[0].tolist() == pytest.approx(
         [int(AFFERENT_COLOURS["SA"][k : k + 2], 16) / 255 for k in (1, 3, 5)] + [1.0]
     )
@@ -168,7 +171,7 @@ def test_a_waveform_and_its_window_are_drawn_and_the_ground_is_explained():
 def test_shares_are_of_all_intervals_also_of_those_beyond_the_axis():
     trains = [timed([0, 2, 4, 6, 106])]
     [panel] = isi_figure(trains, longest_ms=50.0).axes
-    assert [text.get_text() for text in panel.texts] == ["row height: 75 % of intervals", "n = 4"]
+    assert [text.get_text() for text in panel.texts] == ["% of intervals", "0", "50", "n = 4"]
     assert panel.get_xlim()[1] < 75
 
 

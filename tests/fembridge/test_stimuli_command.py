@@ -20,7 +20,7 @@ def summary(capsys, *words):
 
 def test_the_list_has_a_line_for_each_set_with_count_window_and_levels(capsys):
     assert main(["stimuli"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = capsys.readouterr().out.partition("next:")[0].splitlines()
     rows = [" ".join(line.split()) for line in lines if line.startswith("  ")]
     assert len(rows) == 13
     assert "sine_300 6 100-200 ms 4.59 7.41 11.94 19.24 31.02 50" in rows
@@ -30,10 +30,11 @@ def test_the_list_has_a_line_for_each_set_with_count_window_and_levels(capsys):
 
 def test_an_id_is_listed_with_its_numbers_and_its_window(capsys):
     assert main(["stimuli", "noise_25_250_10", "diharm_10_100_125", "sine_40_100"]) == 0
-    noise, diharmonic, own, _ = capsys.readouterr().out.splitlines()
+    noise, diharmonic, own, _, *following = capsys.readouterr().out.splitlines()
     assert "25 to 250 Hz, 10 um RMS, seed 1588730578, counted in 5-250 ms" in noise
     assert "10 Hz + 100 Hz, 125 um + 100 um" in diharmonic
     assert own.endswith("(not in the appendix)")
+    assert following == ["next:", "  fembridge simulate --stimulus noise_25_250_10 -o out"]
 
 
 def test_json_lists_all_82_with_numbers_and_the_note(capsys):

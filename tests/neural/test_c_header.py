@@ -227,6 +227,22 @@ def test_nothing_but_the_compiler_is_needed(compiler, tmp_path):
     subprocess.run([*words, *output], check=True)
 
 
+@pytest.mark.skipif(not shutil.which("g++"), reason="no C++ compiler (g++)")
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize(
+    ("name", "sensor_ms"), [("fitted", 1.0), ("fitted", 0.05), ("published", 0.5)]
+)
+def test_the_header_is_also_that_of_a_cpp_program(name, sensor_ms, precision, tmp_path):
+    (tmp_path / "afferents.h").write_text(export_c(name, precision=precision, sensor_ms=sensor_ms))
+    (tmp_path / "program.cpp").write_text(
+        '#include "afferents.h"\nstatic afferents state;\n'
+        "int start(const afferents_real *stress, unsigned char *fired)\n"
+        "{ afferents_init(&state); return afferents_step(&state, stress, fired); }\n"
+    )
+    words = ["g++", "-std=c++11", "-Wall", "-Wextra", "-pedantic", "-Werror", "-fsyntax-only"]
+    subprocess.run([*words, tmp_path / "program.cpp"], check=True)
+
+
 @pytest.mark.parametrize(
     ("words", "kind", "argument"),
     [

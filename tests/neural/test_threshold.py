@@ -100,7 +100,10 @@ def test_within_a_plateau_the_curve_stays_in_its_range(curve):
             assert min(abs(edge_ips - 27), abs(edge_ips - 33)) < 1e-6
 
 
-@pytest.mark.parametrize("name", ["agreement", "encoder", "threshold", "timing"])
+EXAMPLES = ["agreement", "encoder", "parameters", "parameter_sets", "rates", "threshold", "timing"]
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
 def test_the_examples_of_the_docstrings_are_true(name):
     outcome = doctest.testmod(import_module(f"neural.{name}"))
     assert outcome.attempted > 0

@@ -6,6 +6,8 @@ The letter "b" is pressed into a fingertip with 0.25 N. Every SA, RA and PC affe
 with its own spikes.
 """
 
+# sphinx_gallery_tags = ["fingertip", "shape", "population"]
+
 import fembridge as fb
 
 touch = fb.touch("braille:text=b", press_n=0.25, seed=1)

@@ -6,6 +6,8 @@ A force signal of a robot
 afferent.
 """
 
+# sphinx_gallery_tags = ["robot"]
+
 import matplotlib.pyplot as plt
 import numpy as np
 

@@ -5,6 +5,8 @@ Your own results
 A result file of CalculiX becomes stress histories, and these become spikes. The file is one of the recorded runs in ``fixtures``.
 """
 
+# sphinx_gallery_tags = ["own model", "results"]
+
 from pathlib import Path
 
 import fembridge as fb

@@ -5,6 +5,8 @@ Your own waveform
 An array of displacements is a stimulus. Here the probe goes 300 µm into the skin, in half a second, and trembles while it is there.
 """
 
+# sphinx_gallery_tags = ["vibration", "waveform"]
+
 import numpy as np
 
 import fembridge as fb

@@ -45,7 +45,7 @@ from fembridge.fitting.thresholds import vibration
 from fembridge.io.observed_rates import read_observed
 from fembridge.io.spike_table import Rate, SpikeTrain, write_rates
 from fembridge.plots.rate_comparison import rates_figure
-from fembridge.reporting import recorded, validation_page
+from fembridge.reporting import fingertip_responses, recorded, validation_page
 from fembridge.reporting.rate_tables import (
     ALL_SETS,
     FAMILIES,
@@ -115,6 +115,16 @@ def own_file(tmp_path_factory):
     return path
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _few_touches():
+    """Coarse receptive fields and few amplitudes of a pin, to save time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recorded, "_PIN_UM", recorded._PIN_UM[::8])
+        coarse = partial(fingertip_responses.receptive_field, step_mm=1.5, units=2)
+        patch.setattr(fingertip_responses, "receptive_field", coarse)
+        yield
+
+
 @pytest.fixture(scope="module")
 def study(observed_file, own_file):
     """Own parameters against made-up rates; few frequencies and amplitudes, to save time."""
@@ -124,7 +134,6 @@ def study(observed_file, own_file):
     few = Facts(table[table.frequency_hz.between(70, 80)], source)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(recorded, "CURVE_HZ", (200.0,))
-        patch.setattr(recorded, "_PIN_UM", recorded._PIN_UM[::4])
         return compute_validation(response, models, observed, facts={THRESHOLDS: few})
 
 

@@ -627,6 +627,16 @@ def test_more_than_ten_minutes_are_confirmed_or_not_begun(tmp_path, monkeypatch)
     assert not touch_many(rows, tmp_path / "set", jobs=1).failed
 
 
+def test_touches_of_other_depths_forces_and_shapes_are_tried_by_themselves():
+    def kinds(*rows):
+        return len({touches._kind(row) for row in rows})
+
+    assert kinds({"press_um": 100}, {"press_um": 300, "x_mm": 1.0, "seed": 3}) == 1
+    assert kinds({"press_um": 300}, {"press_um": 310}, {"press_um": 700}) == 3
+    assert kinds({"press_n": 0.0}, {"press_n": 0.0002}, {"press_n": 0.3}, {"press_n": 0.45}) == 2
+    assert kinds({"press_um": 100, "shape": "edge"}, {"press_um": 100, "shape": "plate"}) == 2
+
+
 def test_pictures_are_drawn_against_any_column():
     data = touch_many(rows_of(4), jobs=1)
     for kind in (None, "press_um", "label"):

@@ -280,8 +280,8 @@ def test_a_stimulus_deeper_than_the_map_is_refused():
 def test_the_worked_example_of_the_documentation_runs(tmp_path, monkeypatch, capsys, recwarn):
     """On a stored pad of a mesh, a short search, and without the page."""
     docs = Path(__file__).parents[3] / "docs"
-    text = (docs / "how_to" / "own_model.md").read_text(encoding="utf-8")
-    _, _, section = text.partition("### Afferents of your own pad")
+    text = (docs / "how_to" / "own_pad.md").read_text(encoding="utf-8")
+    _, _, section = text.partition("## Afferents of your own pad")
     block = section.split("```sh\n", 1)[1].split("```", 1)[0]
     commands = [shlex.split(line) for line in block.splitlines()]
     assert [words[1] for words in commands] == ["fit", "threshold", "touch", "validate"]
