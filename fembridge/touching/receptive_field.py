@@ -830,7 +830,7 @@ class _Response:
     def _counts(
         self, curves: FloatArray, depth_um: FloatArray, wave: FloatArray, unit: IntArray
     ) -> IntArray:
-        """Impulses ``(n,)`` of units ``(n,)`` by the drive ``(L, n)``, each at its depth ``(n,)``."""
+        """Impulses ``(n,)`` of units ``(n,)`` by the drive ``(L, n)``, at depths ``(n,)``."""
         trace = np.empty((wave.size, depth_um.size))
         for depth in np.unique(depth_um).tolist():
             rows = depth_um == depth
