@@ -275,6 +275,7 @@ def encode_units(
     parameters: Parameters,
     deviate: FloatArray | None = None,
     *,
+    sign: FloatArray | None = None,
     start_ms: float = 0.0,
     trials: int = 1,
     noise_mv: float = 0.0,
@@ -299,6 +300,9 @@ def encode_units(
     deviate
         Deviates ``(unit,)``: a unit with deviate q needs ``exp(spread q)`` times the stress
         of the median unit, with the spread of its class. Default: 0.
+    sign
+        Signs ``(unit,)``, 1 or −1, by which the stress is multiplied where the drive of a class
+        has a sign (``AfferentModel.is_signed``). Default: 1.
     start_ms
         Time of the first sample in ms. Default: 0.
     trials
@@ -337,6 +341,13 @@ def encode_units(
     if noise_mv and rng is None:
         raise ParameterError("noise requires a random generator", argument="rng")
     deviates = np.zeros(names.size) if deviate is None else np.asarray(deviate, dtype=np.float64)
+    signs = np.ones(names.size) if sign is None else np.asarray(sign, dtype=np.float64)
+    if signs.shape != names.shape or not np.isin(signs, (-1.0, 1.0)).all():
+        wrong: object = signs.shape
+        if signs.shape == names.shape:
+            wrong = float(signs[np.abs(signs) != 1.0][0])
+        expected = f"({names.size},) of 1 or -1"
+        raise ParameterError(argument="sign", found=wrong, expected=expected)
     parts: list[tuple[IntArray, IntArray, FloatArray]] = []
     for name in dict.fromkeys(afferent):
         values = parameters[name]
@@ -354,6 +365,8 @@ def encode_units(
         for first in range(0, units.size, width):
             batch_units = units[first : first + width]
             read = _read_ahead(stress.reader(batch_units), stress.samples, batch_units.size)
+            if model.is_signed and (signs[batch_units] < 0).any():
+                read = partial(_times, read, signs[batch_units])
             columns = np.arange(batch_units.size)
             if not noise_mv and stress.samples * batch_units.size <= _UNIT_NUMBERS:
                 may_fire = _may_fire(
@@ -423,6 +436,12 @@ def _read_ahead(
         return values[first - begin : last - begin]
 
     return part
+
+
+def _times(
+    read: Callable[[int, int], FloatArray], sign: FloatArray, first: int, last: int
+) -> FloatArray:
+    return read(first, last) * sign
 
 
 def _columns_of(

@@ -177,6 +177,11 @@ class AfferentModel:
     spread: Free = SPREAD
 
     @property
+    def is_signed(self) -> bool:
+        """Whether units of both signs exist: the drive of a PC model has a sign, of others not."""
+        return corpuscle in self.filters
+
+    @property
     def step_ms(self) -> float:
         """Time step of a fit, in ms."""
         return FINE_DT_MS if self.any_step else DT_MS

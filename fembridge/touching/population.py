@@ -8,6 +8,8 @@ lattice.
 The fibre of an SA or RA unit branches: its most sensitive ending is at the position of the unit,
 less sensitive ones lie around it at random. Each unit has a number, `endings_seed`, from which its
 endings are drawn, so that it keeps them in every selection, table and process (decision 0060).
+From the same number follows the sign of a PC unit: some corpuscles are depolarised by a rise of the
+stress, others by a fall, depending on how the ending is turned (decision 0071).
 """
 
 import os
@@ -44,12 +46,16 @@ DENSITY_CM2: Mapping[str, float] = {"SA": 70.0, "RA": 140.0, "PC": 25.0}
 _MM_PER_CM = 10.0
 # Fibres that branch in the skin. A Pacinian corpuscle is one ending.
 BRANCHED = ("SA", "RA")
+# Classes whose units have either sign (Nishi & Sato 1968, J. Physiol. 199:383).
+SIGNED = ("PC",)
 # Chosen by receptive fields and gaps, decision 0060: radius of the area of a unit's endings; their
 # number; and of all but the most sensitive ending, which is in the middle and has 1, the least
 # distance from it as a share of the radius and the range of sensitivities.
 ENDINGS_MM = 1.5
 _FEWEST_ENDINGS, _MOST_ENDINGS = 5, 10
 _LEAST_DISTANCE = 0.5
+# Numbers of a seed that its endings take; the next one is that of the sign.
+_ENDING_NUMBERS = 2 + 3 * _MOST_ENDINGS
 _LEAST_SENSITIVITY, _LARGEST_SENSITIVITY = 0.45, 0.75
 _MOST_UNITS = 200_000
 _RANGES: Mapping[str, Range] = {
@@ -88,8 +94,8 @@ class Population:
         Whether SA units respond to von Mises stress, as in the paper, instead of compression
         and stretch, see `fembridge.touching.stress`. Default: False.
     endings_seed
-        Whole numbers from 0 to 2^53 from which the endings of each unit are drawn, ``(U,)``.
-        Default: the CRC-32 of each name.
+        Whole numbers from 0 to 2^53 from which the endings of each unit, and the `sign` of a PC
+        unit, are drawn, ``(U,)``. Default: the CRC-32 of each name.
 
     Raises
     ------
@@ -218,7 +224,7 @@ class Population:
         branched = np.isin(self.afferent, BRANCHED) & (self.endings_mm > 0)
         if not branched.any():
             return np.arange(len(self)), self.x_mm, self.z_mm, np.ones(len(self))
-        number, turn, *drawn = _uniform_numbers(self.endings_seed, 2 + 3 * _MOST_ENDINGS).T
+        number, turn, *drawn = _uniform_numbers(self.endings_seed, _ENDING_NUMBERS).T
         span = _MOST_ENDINGS - _FEWEST_ENDINGS + 1
         count = np.where(branched, _FEWEST_ENDINGS + (span * number).astype(np.int64), 1)
         unit = np.repeat(np.arange(len(self)), count)
@@ -235,6 +241,17 @@ class Population:
             self.z_mm[unit] + away_mm * np.sin(angle),
             np.where(nth > 0, sensitivity, 1.0),
         )
+
+    @property
+    def sign(self) -> FloatArray:
+        """Sign by which each unit's drive is multiplied, ``(U,)``: 1, or −1 for half of all PC.
+
+        A PC unit of sign −1 responds to a fall of the stress as others respond to a rise. It is
+        drawn from `endings_seed`; PC1, the unit of `one_each`, has 1 by its name.
+        """
+        drawn = _uniform_numbers(self.endings_seed, _ENDING_NUMBERS + 1)[:, _ENDING_NUMBERS]
+        is_negative = np.isin(self.afferent, SIGNED) & (drawn >= 0.5)
+        return np.where(is_negative, -1.0, 1.0)
 
     def with_endings(self, endings_mm: float, *, sa_von_mises: bool = False) -> "Population":
         """The same units with other endings.

@@ -766,7 +766,7 @@ class _Response:
         at_hot = self._curves(np.arange(len(self.units)), hot)
 
         def fires(depth_um: FloatArray) -> BoolArray:
-            return self._counts(at_hot, depth_um, wave, self.units.deviate) > 0
+            return self._counts(at_hot, depth_um, wave, np.arange(len(self.units))) > 0
 
         high = np.full(len(self.units), self.level_um[-1])
         low, ever = 1e-5 * high, fires(high)
@@ -792,8 +792,8 @@ class _Response:
             """Encode the traces of units at positions."""
             owner = np.concatenate([np.full(place.size, unit) for unit, place in places])
             place = np.concatenate([place for _, place in places])
-            curves, deviate = self._curves(owner, place), self.units.deviate[owner]
-            impulses[owner, place] = self._counts(curves, depth_um[owner], wave, deviate)
+            curves = self._curves(owner, place)
+            impulses[owner, place] = self._counts(curves, depth_um[owner], wave, owner)
 
         nearest: list[tuple[int, IntArray, IntArray, IntArray]] = []
         for unit in np.flatnonzero(np.isfinite(depth_um) & np.isfinite(threshold_um)).tolist():
@@ -828,16 +828,17 @@ class _Response:
         return curves
 
     def _counts(
-        self, curves: FloatArray, depth_um: FloatArray, wave: FloatArray, deviate: FloatArray
+        self, curves: FloatArray, depth_um: FloatArray, wave: FloatArray, unit: IntArray
     ) -> IntArray:
-        """Impulses ``(n,)`` of the drive ``(L, n)``, each at its depth ``(n,)``."""
+        """Impulses ``(n,)`` of units ``(n,)`` by the drive ``(L, n)``, at depths ``(n,)``."""
         trace = np.empty((wave.size, depth_um.size))
         for depth in np.unique(depth_um).tolist():
             rows = depth_um == depth
             samples = np.maximum(depth * wave, 0.0)
             trace[:, rows] = interpolate_states(self.level_um, curves[:, rows], samples)
         classes = [self.afferent] * depth_um.size
-        fired = encode_units(trace, classes, DT_MS, self.parameters, deviate)
+        deviate, sign = self.units.deviate[unit], self.units.sign[unit]
+        fired = encode_units(trace, classes, DT_MS, self.parameters, deviate, sign=sign)
         return np.bincount(fired.unit, minlength=depth_um.size)
 
 

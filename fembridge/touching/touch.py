@@ -308,6 +308,7 @@ def touch_skin(
         trajectory.dt_ms,
         parameters.parameters,
         population.deviate,
+        sign=population.sign,
         trials=trials,
         noise_mv=noise_mv,
         rng=np.random.default_rng(seed),

@@ -185,6 +185,30 @@ def test_classes_share_a_pass_and_keep_their_order():
         np.testing.assert_array_equal(together.time_ms[together.unit == unit], alone.time_ms)
 
 
+def test_a_unit_of_negative_sign_fires_as_if_its_stress_were_turned_over():
+    """SA and RA have no sign: von Mises stress drives them whatever `sign` is."""
+    names, sign = ["PC", "SA", "RA", "PC"], np.array([-1.0, -1.0, -1.0, 1.0])
+    press_pa = (
+        4e3 * np.clip(np.arange(900) / 60.0, 0, 1) * np.clip((900 - np.arange(900)) / 9, 0, 1)
+    )
+    stress = np.tile(press_pa[:, np.newaxis], (1, 4))
+    fired = encode_units(stress, names, 0.5, FITTED, sign=sign)
+    for unit, (name, turn) in enumerate(zip(names, (-1, 1, 1, 1), strict=True)):
+        alone = encode_units(turn * stress[:, unit : unit + 1], [name], 0.5, FITTED)
+        np.testing.assert_array_equal(fired.time_ms[fired.unit == unit], alone.time_ms)
+    pressed, released = (fired.time_ms[fired.unit == unit] for unit in (3, 0))
+    assert pressed.size and released.size and not np.array_equal(pressed, released)
+    plain = encode_units(stress, names, 0.5, FITTED, sign=np.ones(4))
+    np.testing.assert_array_equal(plain.time_ms, encode_units(stress, names, 0.5, FITTED).time_ms)
+
+
+@pytest.mark.parametrize("sign", [[1.0], [1.0, 0.5], [1.0, np.nan]])
+def test_a_sign_that_is_none_is_refused(sign):
+    with pytest.raises(ParameterError) as error:
+        encode_units(np.ones((9, 2)), ["PC", "PC"], 0.5, FITTED, sign=np.array(sign))
+    assert error.value.argument == "sign"
+
+
 def test_trials_are_alike_without_noise_and_repeat_with_their_seed():
     stress = np.stack([WAVE_PA, 0.7 * WAVE_PA], -1)
     still = encode_units(stress, ["RA", "SA"], 0.5, FITTED, trials=3)

@@ -3,6 +3,7 @@
 import shlex
 import shutil
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -40,12 +41,14 @@ def smooth():
 
 
 def touch_at(probe, stimulus, position_mm):
-    """A touch of ten cells of each class, with one ending, at one position of the probe."""
+    """A touch of ten cells of each class, with one ending and sign 1, at one position."""
     skin, cells = probe.skin(), 10
     x_mm, z_mm = np.repeat(position_mm[:, np.newaxis], 3 * cells, axis=1)
     deviate = np.tile(quantiles(cells), 3)
     names = np.repeat(CLASSES, cells).tolist()
     units = fb.Population.at(names, x_mm, z_mm, deviate=deviate, finger=skin).with_endings(0.0)
+    units = replace(units, endings_seed=np.full(len(units), 5))
+    assert (units.sign == 1).all()
     return fb.touch(
         probe.shape,
         stimulus=stimulus,

@@ -330,6 +330,20 @@ def test_a_unit_without_a_number_draws_its_endings_from_its_name(tmp_path):
     assert not np.array_equal(endings["SA1"], endings["thumb"])
 
 
+def test_half_of_all_pc_units_have_the_other_sign_which_they_keep(tmp_path):
+    units = Population.fingertip(density=20)
+    is_pc = np.array(units.afferent) == "PC"
+    share = (units.sign[is_pc] < 0).mean()
+    assert share == pytest.approx(0.5, abs=3 * 0.5 / np.sqrt(is_pc.sum()))
+    assert (units.sign[~is_pc] == 1).all() and set(units.sign) == {-1.0, 1.0}
+    part = units[is_pc][7:300]
+    part.write(tmp_path / "units.csv")
+    for other in (part, part[::-1][::-1], Population.from_table(tmp_path / "units.csv")):
+        np.testing.assert_array_equal(other.sign, units.sign[is_pc][7:300])
+    # Not that of an ending: no sensitivity, place or number of endings goes with it.
+    assert abs(np.corrcoef(units.sign[is_pc], units.deviate[is_pc])[0, 1]) < 0.1
+
+
 def test_numbers_of_endings_are_those_of_splitmix64():
     """A plain loop over Python's integers."""
     seed, mask = 7, 2**64 - 1
