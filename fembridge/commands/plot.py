@@ -21,7 +21,6 @@ from fembridge.commands.options import (
     parse_window,
 )
 from fembridge.errors import FembridgeError, UsageError
-from fembridge.host.store import near_hint
 from fembridge.host.terminal import log
 
 if TYPE_CHECKING:
@@ -194,7 +193,11 @@ def spelled_out(arguments: Sequence[str]) -> list[str]:
     at = words.index("plot") + 1
     first = next((word for word in words[at:] if not word.startswith("-")), ALL)
     pictures = {ALL, *_PICTURES}
-    if first not in pictures and (Path(first).is_dir() or not near_hint(first, pictures)):
+    if first in pictures:
+        return words
+    from fembridge.host.store import near_hint
+
+    if Path(first).is_dir() or not near_hint(first, pictures):
         words.insert(at, ALL)
     return words
 
