@@ -56,6 +56,18 @@ def test_the_development_container_is_valid_json():
     assert "-c constraints.txt" in container["postCreateCommand"]
 
 
+def test_the_source_archive_holds_what_these_tests_read():
+    builds = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hatch"]
+    sdist = builds["build"]["targets"].get("sdist", {})
+    assert not {"include", "only-include", "exclude"} & set(sdist)
+
+
+def test_the_workflow_may_read_the_repository_in_every_job():
+    own = re.findall(r"^    permissions:\n((?:      .*\n)+)", WORKFLOW, flags=re.MULTILINE)
+    assert own
+    assert all("contents: read" in permissions for permissions in own)
+
+
 def test_the_workflow_runs_existing_sessions_and_names_no_secret():
     assert "secrets." not in WORKFLOW
     sessions = set(re.findall(r"^def (\w+)\(session", (ROOT / "noxfile.py").read_text(), re.M))

@@ -28,6 +28,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         entries,
         other_names,
     )
+    from fembridge.host.system import OPENS_FOLDERS
 
     check_cache()
     folder = cache_folder()
@@ -36,7 +37,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     others = other_names()
     total = sum(entry.bytes for entry in available)
     if folder is None:
-        print(f"switched off: {VARIABLE}={OFF}")
+        print(f"switched off: {VARIABLE}={OFF}" if OPENS_FOLDERS else "no cache on this system")
     elif args.clear:
         print(f"{removed / 1e6:.1f} MB removed from {folder}")
     else:

@@ -34,7 +34,7 @@ from fembridge.host.store import (
     write_sealed,
     write_text,
 )
-from fembridge.host.system import FOLDER_ONLY, NO_LINK, NO_WAIT
+from fembridge.host.system import FOLDER_ONLY, NO_LINK, NO_WAIT, OPENS_FOLDERS, flush_to_disk
 from fembridge.typing import Table
 
 VARIABLE = "FEMBRIDGE_CACHE"
@@ -87,11 +87,11 @@ class _DamagedError(Exception):
 
 
 def cache_folder() -> Path | None:
-    """Folder of the cache; None: it is switched off."""
+    """Folder of the cache; None: it is switched off, or the system opens no folders (Windows)."""
     from platformdirs import user_cache_path
 
     value = os.environ.get(VARIABLE)
-    if value == OFF:
+    if value == OFF or not OPENS_FOLDERS:
         return None
     return Path(value).absolute() if value else user_cache_path("fembridge")
 
@@ -193,8 +193,7 @@ def keep(key: str, title: str, record: Table, files: Iterable[Path]) -> None:
             }
             write_sealed(draft / ENTRY_FILE, table)
             for path in draft.iterdir():
-                with path.open("rb") as file:
-                    os.fsync(file.fileno())
+                flush_to_disk(path)
             with locked_folder(cache):
                 if not _is_whole(cache / key):
                     _remove_damaged(cache / key, [path.name for path in paths])

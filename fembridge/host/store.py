@@ -41,7 +41,15 @@ from fembridge.errors import (
     ResponseError,
     warn,
 )
-from fembridge.host.system import NO_LINK, NO_WAIT, close_folder, lock_folder, open_folder
+from fembridge.host.system import (
+    LOCKS_ARE_ADVISORY,
+    NO_LINK,
+    NO_WAIT,
+    close_folder,
+    flush_to_disk,
+    lock_folder,
+    open_folder,
+)
 from fembridge.typing import Table
 
 if TYPE_CHECKING:
@@ -259,8 +267,7 @@ def _move_up(draft: Path, folder: Path, last: str) -> None:
         names.append(last)
     for name in names:
         _check_replaceable(folder / name, folder / name)
-        with (draft / name).open("rb") as file:
-            os.fsync(file.fileno())
+        flush_to_disk(draft / name)
     with locked_folder(folder):
         if all(
             (folder / name).is_file() and filecmp.cmp(draft / name, folder / name, shallow=False)
@@ -292,7 +299,8 @@ def folder_lock(folder: Path, name: str, *, wait: bool = True) -> Iterator[None]
 
     The lock is one of the kernel: it ends with its process, even after a kill. The file has
     the number of the process and is removed at the end. On a file system without locks no
-    process is kept out, and a warning is issued.
+    process is kept out, and a warning is issued. Windows lets nobody write into a locked file:
+    the number is absent there.
 
     Raises
     ------
@@ -312,7 +320,8 @@ def folder_lock(folder: Path, name: str, *, wait: bool = True) -> Iterator[None]
     try:
         try:
             lock.acquire(blocking=wait, poll_interval=_LOOK_S)
-            _write_number(path)
+            if LOCKS_ARE_ADVISORY:
+                _write_number(path)
         except Timeout as error:
             raise LockedError(f"{_holder(path)} is at work here", folder) from error
         except OSError as error:

@@ -1,6 +1,7 @@
 """Where operating systems differ: locks of open folders, flags of opening, signals.
 
-Linux and macOS have all of it. Windows opens no folders, so that a folder is not locked there.
+Linux and macOS have all of it. Windows opens no folders, so that a folder is not locked there;
+it writes to disk only what is open for writing, and keeps others from the bytes of a locked file.
 """
 
 import os
@@ -16,6 +17,18 @@ except ImportError:  # Windows
 NO_LINK: int = getattr(os, "O_NOFOLLOW", 0)
 NO_WAIT: int = getattr(os, "O_NONBLOCK", 0)
 FOLDER_ONLY: int = getattr(os, "O_DIRECTORY", 0)
+
+
+OPENS_FOLDERS: bool = fcntl is not None
+"""Whether a folder has a handle, for names in it and for its lock."""
+LOCKS_ARE_ADVISORY: bool = fcntl is not None
+"""Whether a locked file can be read and written by those who ask for no lock."""
+
+
+def flush_to_disk(path: Path) -> None:
+    """Wait until the content of the file `path` is on the disk."""
+    with path.open("rb" if fcntl else "r+b") as file:
+        os.fsync(file.fileno())
 
 
 def open_folder(folder: Path, flags: int = 0) -> int | None:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from fembridge.errors import ResultError
 from fembridge.host.memory import MAX_RATIO, SMALL_BYTES
+from fembridge.host.system import NO_WAIT
 from fembridge.typing import BoolArray, FloatArray, IntArray
 
 Characters = NDArray[np.uint8]  # of records of one length, ``(record, byte)``
@@ -52,7 +53,7 @@ class ByteFile(AbstractContextManager["ByteFile"]):
             self._unpacked_content = _unpacked(path, status.st_size, status.st_mtime_ns)
             self.data_path = self._unpacked_content.path
         try:
-            handle = os.open(self.data_path, os.O_RDONLY | os.O_NONBLOCK)
+            handle = os.open(self.data_path, os.O_RDONLY | NO_WAIT)
         except FileNotFoundError as error:
             raise ResultError(f"no such file{_near_names(path)}", path) from error
         except OSError as error:

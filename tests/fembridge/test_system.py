@@ -5,7 +5,7 @@ import sys
 
 # What Windows lacks of the standard library.
 _PRELUDE = """
-import importlib.abc, os, signal, subprocess, sys
+import fcntl, importlib.abc, os, shutil, signal, subprocess, sys
 
 class Absent(importlib.abc.MetaPathFinder):
     def find_spec(self, name, path=None, target=None):
@@ -20,6 +20,29 @@ for name in ("killpg", "waitid", "WNOWAIT", "O_NOFOLLOW", "O_NONBLOCK", "O_DIREC
              "sched_getaffinity", "sysconf", "getuid", "fork"):
     if hasattr(os, name):
         delattr(os, name)
+
+real_open, real_fsync, get_flags = os.open, os.fsync, fcntl.fcntl
+GETFL, ACCESS = fcntl.F_GETFL, os.O_RDWR | os.O_WRONLY
+
+def open_as_windows(path, flags, mode=0o777, *, dir_fd=None):
+    if dir_fd is not None:
+        raise NotImplementedError("dir_fd unavailable on this platform")
+    if os.path.isdir(path):
+        raise PermissionError(13, "Permission denied", str(path))
+    if os.path.basename(path).endswith(".lock") and flags & ACCESS and is_of_fembridge():
+        raise PermissionError(13, "Permission denied", str(path))  # its first byte is locked
+    return real_open(path, flags, mode)
+
+def is_of_fembridge():
+    return sys._getframe(2).f_globals["__name__"].startswith("fembridge.")
+
+def fsync_as_windows(handle):
+    if not get_flags(handle, GETFL) & ACCESS:
+        raise OSError(9, "Bad file descriptor")
+    real_fsync(handle)
+
+os.open, os.fsync, shutil._use_fd_functions = open_as_windows, fsync_as_windows, False
+del fcntl
 for name in ("SIGHUP", "SIGKILL", "SIGXFSZ", "SIGPIPE", "SIGBUS", "SIGSYS"):
     if hasattr(signal, name):
         delattr(signal, name)
@@ -72,3 +95,45 @@ stop(process, 5.0)
 print(process.returncode)
 """
     assert int(_run(code)) != 0
+
+
+def test_a_result_file_is_read_without_flags_of_linux(tmp_path):
+    code = """
+from fembridge.cli import main
+folder = sys.argv[1]
+assert main(["sample", "frd", "-o", folder]) in (0, None)
+assert main(["ingest", folder + "/job.frd", "-o", folder + "/traces.csv"]) in (0, None)
+print(sorted(os.listdir(folder)))
+"""
+    assert "traces.csv" in _run(code, str(tmp_path / "sample"))
+
+
+def test_a_locked_folder_is_worked_in_where_a_locked_file_cannot_be_written(tmp_path):
+    code = """
+import warnings
+from pathlib import Path
+warnings.filterwarnings("ignore", "only soft file lock")  # the stand-in for the one of Windows
+from fembridge.errors import LockedError
+from fembridge.host.store import folder_lock
+folder = Path(sys.argv[1])
+with folder_lock(folder, "run.lock", wait=False):
+    try:
+        with folder_lock(folder, "run.lock", wait=False):
+            print("both are in")
+    except LockedError as error:
+        print(error)
+"""
+    assert "is at work here" in _run(code, str(tmp_path))
+
+
+def test_nothing_is_kept_in_a_cache_that_could_not_be_read_again(tmp_path):
+    code = """
+from pathlib import Path
+from fembridge.host import cache
+folder = Path(sys.argv[1])
+os.environ["FEMBRIDGE_CACHE"] = str(folder / "cache")
+(folder / "job.frd").write_text("result")
+cache.keep("0" * 32, "a run", {}, [folder / "job.frd"])
+print(sorted(os.listdir(folder)), cache.entries())
+"""
+    assert _run(code, str(tmp_path)) == "['job.frd'] []\n"
