@@ -120,7 +120,7 @@ class LargeStrain:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StressedStates(SkinNodes):
-    """States of a deep touch in the place of nodes: a unit force on one is the state itself."""
+    """States of a deep touch instead of nodes: a unit force on one is the state itself."""
 
     large_strain: LargeStrain
     states: IntArray

@@ -1,6 +1,6 @@
 """
-Receptive fields as large as in man
-===================================
+Receptive fields as large as recorded
+=====================================
 
 Where on the skin a probe at 4.5 times the threshold makes an afferent fire: fields of SA and RA units, and their areas beside the
 medians of Vallbo & Johansson (1980).
