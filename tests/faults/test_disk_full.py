@@ -86,7 +86,7 @@ LIBRARIES = {"npz": "numpy", "mat": "scipy", "nwb": "pynwb", "neo": "neo", "sona
 
 
 @pytest.mark.parametrize("kind", LIBRARIES)
-@pytest.mark.parametrize("most_bytes", [0, 2000])
+@pytest.mark.parametrize("most_bytes", [pytest.param(0, marks=pytest.mark.slow), 2000])
 def test_a_recording_on_a_full_disk_is_one_line_whatever_its_library_prints(
     tmp_path, file_size_limit, capfd, as_in_table, kind, most_bytes
 ):

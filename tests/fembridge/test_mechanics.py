@@ -34,7 +34,7 @@ TOUCH = ["--press-um", "100", "--population", "one_each", "--no-plot"]
 
 
 @pytest.fixture
-def here(tmp_path, monkeypatch):
+def here(tmp_path, monkeypatch, in_this_process):
     """Work in a folder with a parameter set, the folders of its results, and a study."""
     monkeypatch.chdir(tmp_path)
     Path("mine.toml").write_text(SET, encoding="utf-8")

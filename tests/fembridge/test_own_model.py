@@ -90,6 +90,7 @@ def test_what_makes_no_sense_is_one_line(here, refused, more, code, said):
     refused(words("--base-deck", "mine.inp", *more), said, code)
 
 
+@pytest.mark.slow
 def test_python_rebases_a_deck_as_the_verb_does(here, logged):
     nodes = [word for name, k in NODES.items() for word in ("--afferent", f"{name}={k}")]
     assert main(words("--base-deck", "mine.inp", *nodes, "-o", "verb")) == 0
@@ -112,6 +113,7 @@ def requests_in(run):
     ]
 
 
+@pytest.mark.slow
 def test_requests_of_results_stay_beside_ours_or_go(here):
     text = INP.read_text()
     last = text.upper().rindex("*END STEP")

@@ -246,7 +246,7 @@ def content_of(panel):
     return lines, parts
 
 
-@pytest.mark.parametrize("names", ["one", "five"])
+@pytest.mark.parametrize("names", ["one", pytest.param("five", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("picture", PICTURES)
 def test_a_picture_is_drawn_into_the_axes_of_the_caller(picture, names):
     from matplotlib.figure import Figure

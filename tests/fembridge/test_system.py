@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 # What Windows lacks of the standard library.
 _PRELUDE = """
 import fcntl, importlib.abc, os, shutil, signal, subprocess, sys
@@ -60,6 +62,7 @@ def _run(code: str, *arguments: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_every_module_can_be_imported_without_what_windows_lacks():
     code = """
 import importlib, pkgutil
@@ -86,6 +89,7 @@ print(sorted(os.listdir(sys.argv[1])))
     assert "spikes.csv" in _run(code, str(tmp_path / "touched"))
 
 
+@pytest.mark.slow
 def test_a_process_without_groups_is_ended_alone():
     code = """
 from fembridge.host.process import HAS_GROUPS, stop
@@ -108,6 +112,7 @@ print(sorted(os.listdir(folder)))
     assert "traces.csv" in _run(code, str(tmp_path / "sample"))
 
 
+@pytest.mark.slow
 def test_a_locked_folder_is_worked_in_where_a_locked_file_cannot_be_written(tmp_path):
     code = """
 import warnings
@@ -126,6 +131,7 @@ with folder_lock(folder, "run.lock", wait=False):
     assert "is at work here" in _run(code, str(tmp_path))
 
 
+@pytest.mark.slow
 def test_nothing_is_kept_in_a_cache_that_could_not_be_read_again(tmp_path):
     code = """
 from pathlib import Path

@@ -288,6 +288,7 @@ def own_run(tmp_path):
     return run.folder
 
 
+@pytest.mark.slow
 @pytest.mark.solver
 def test_an_own_model_has_a_page_from_mesh_to_spikes(tmp_path):
     folder = own_run(tmp_path)

@@ -192,6 +192,7 @@ def on_pad(observed_file):
         )
 
 
+@pytest.mark.slow
 def test_a_page_on_a_pad_has_the_rates_of_the_pad_alone(on_pad, tmp_path, undrawn):
     assert on_pad.on_pad
     simulated = fb.simulate(
@@ -506,6 +507,7 @@ def test_recorded_spikes_replace_the_published_timing(study, monkeypatch):
         assert evidence.sources[name] != published(name).source
 
 
+@pytest.mark.slow
 def test_a_recorded_unit_is_compared_with_the_cell_closest_to_it(monkeypatch):
     """The unit is a cell of the model: its rank is between the ranks of the ten cells."""
     fitted = parameter_set("fitted")

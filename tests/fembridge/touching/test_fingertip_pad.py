@@ -75,6 +75,7 @@ def test_the_file_of_a_symmetric_fingertip_has_half_of_its_forces(coarse, tmp_pa
     assert_allclose(again.outline(), coarse.outline())
 
 
+@pytest.mark.slow
 @pytest.mark.solver
 def test_a_finger_file_becomes_a_pad_that_touch_takes(tmp_path, capsys, monkeypatch):
     pytest.importorskip("gmsh")
@@ -92,6 +93,7 @@ def test_a_finger_file_becomes_a_pad_that_touch_takes(tmp_path, capsys, monkeypa
     assert_allclose(np.abs(fb.Pad.read("mine.npz").outline()).max(axis=0)[0], 9.0, rtol=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.solver
 def test_a_deck_of_a_fingertip_has_its_map_at_the_node_set_apex(tmp_path):
     pytest.importorskip("gmsh")
