@@ -123,7 +123,13 @@ def test_each_verb_with_a_parameter_set_warns(verb, capsys):
 
 
 @pytest.mark.usefixtures("here", "unrendered")
-@pytest.mark.parametrize("words", [["sweep", "study.toml", "-o", "out"], ["report", "touched"]])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["sweep", "study.toml", "-o", "out"],
+        pytest.param(["report", "touched"], marks=pytest.mark.slow),
+    ],
+)
 def test_verbs_that_read_a_set_from_files_warn(words, capsys):
     main(words)
     assert WORDS in capsys.readouterr().err

@@ -221,6 +221,7 @@ def test_a_wrong_path_or_table_gets_one_line_with_the_way_out(words, line, capsy
     assert line in printed
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_rates_of_a_touch_are_means_over_silent_units_too(capsys):
     main(["touch", "--press-um", "150", "--no-plot", "-o", "touched"])

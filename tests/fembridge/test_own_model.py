@@ -133,6 +133,7 @@ def test_requests_of_results_stay_beside_ours_or_go(here):
     assert run.inputs["base_deck"]["request"] == {"own_output": False}
 
 
+@pytest.mark.slow
 def test_a_large_field_that_a_request_makes_is_warned_of(here, monkeypatch):
     monkeypatch.setattr("fembridge.solver.deck._MANY_GIGABYTES", 0.1)
     text = INP.read_text()
@@ -192,6 +193,7 @@ def test_an_included_file_from_elsewhere_is_refused(here, noise, name):
     assert caught.value.path == here / "mine.inp"
 
 
+@pytest.mark.slow
 def test_results_of_a_run_are_in_the_units_that_its_deck_was_built_with(here):
     deck = INP.read_text().replace("*HEADING\n", "*HEADING\nUnit system: M_TON_S_C\n")
     (here / "mine.inp").write_text(deck)

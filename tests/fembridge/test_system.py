@@ -101,6 +101,7 @@ print(process.returncode)
     assert int(_run(code)) != 0
 
 
+@pytest.mark.slow
 def test_a_result_file_is_read_without_flags_of_linux(tmp_path):
     code = """
 from fembridge.cli import main

@@ -213,6 +213,7 @@ def test_a_page_on_a_pad_has_the_rates_of_the_pad_alone(on_pad, tmp_path, undraw
     assert not [name for name in validation_page.figure_functions(on_pad) if "fingertip" in name]
 
 
+@pytest.mark.slow
 def test_cells_of_all_positions_are_in_order_of_their_sensitivity(on_pad):
     """Each of ten cells at both positions, then the next: the first fire most."""
     trains = [

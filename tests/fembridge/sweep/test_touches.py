@@ -120,6 +120,7 @@ def test_the_number_of_workers_changes_no_byte(tmp_path):
     assert bytes_of(tmp_path / "copy") == files
 
 
+@pytest.mark.slow
 def test_a_touch_does_not_depend_on_the_touches_before_it():
     """Not in a bit of its stress, although sums of float32 depend on what is beside them."""
     from fembridge.touching import touch as module
@@ -250,6 +251,7 @@ def deadly(tmp_path, monkeypatch):
     sys.modules.pop("deadly", None)
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_once_changes_no_byte(tmp_path, deadly):
     rows = rows_of(6)
     touch_many(rows, tmp_path / "plain", jobs=1)
@@ -464,6 +466,7 @@ def test_a_folder_of_another_table_is_refused_unless_nothing_of_it_is_done(tmp_p
     assert bytes_of(tmp_path / "set") == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("failing", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_longer_table_computes_only_its_further_rows_and_keeps_the_files_of_the_others(
     tmp_path, monkeypatch, failing

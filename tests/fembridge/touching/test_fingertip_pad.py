@@ -162,6 +162,7 @@ def test_a_touch_of_the_stored_fingertip_is_symmetric_and_has_its_outline_in_the
     assert low < ends_mm[:, 1].min() and ends_mm[:, 1].max() < high
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::fembridge.errors.FembridgeWarning")
 def test_a_receptive_field_of_the_stored_fingertip_has_its_hot_spot_above_the_unit():
     field = fb.receptive_field(

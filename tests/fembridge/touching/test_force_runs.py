@@ -133,6 +133,7 @@ def test_a_preload_is_the_state_about_which_the_forces_act(tmp_path, monkeypatch
     assert_allclose(pad.position_mm, expected.position_mm, atol=5e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.solver
 def test_load_cases_of_marc_are_the_preload(tmp_path, monkeypatch):
     text = block_deck(across=4, more=PULLED)

@@ -149,6 +149,7 @@ def test_an_interrupted_pad_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert np.array_equal(again.down_mm, whole.down_mm)
 
 
+@pytest.mark.slow
 @pytest.mark.solver
 @pytest.mark.filterwarnings("ignore::fembridge.errors.FembridgeWarning")
 def test_the_command_makes_a_pad_that_touch_takes(tmp_path, capsys, monkeypatch):

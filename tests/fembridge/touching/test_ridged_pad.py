@@ -143,6 +143,7 @@ def half_space_grid(radius_nodes, spacing_mm):
     )
 
 
+@pytest.mark.slow
 def test_a_sphere_on_a_half_space_is_hertz():
     modulus, radius_mm, depth_mm = 2.0 / (1 - 0.3**2), 4.0, 0.05
     compliance, x_mm, z_mm = half_space_grid(12, 0.05)

@@ -414,6 +414,7 @@ def test_a_path_beside_the_pad_touches_nothing():
     assert not touched.force_n.any() and not touched.fired.time_ms.size
 
 
+@pytest.mark.slow
 def test_a_height_map_that_slides_away_says_when_it_ends():
     """Half of 8 mm at 80 mm/s from the middle of the pad, which is where it was pressed."""
     heights = np.zeros((80, 80))
@@ -467,12 +468,12 @@ def test_parts_narrower_than_the_nodes_resolve_warn(shape, width, angle_deg):
 @pytest.mark.parametrize(
     "shape",
     [
-        *("punch:diameter_mm=0.5", "grating", "letters:text=R"),
+        *("punch:diameter_mm=0.5", "letters:text=R"),
         *(
             pytest.param(shape, marks=pytest.mark.slow)
             for shape in (
                 *("punch", "sphere:diameter_mm=1", "cylinder:diameter_mm=1", "plate", "edge"),
-                *("bar", "bar:width_mm=0.5", "dots", "braille:text=b"),
+                *("bar", "bar:width_mm=0.5", "grating", "dots", "braille:text=b"),
             )
         ),
     ],
@@ -517,6 +518,7 @@ def test_a_field_warns_once_of_its_depth_and_its_probe():
     assert {str(each.message).split()[0] for each in warned} == {"1500", "punch"}
 
 
+@pytest.mark.slow
 def test_pictures_are_drawn_by_name_on_own_axes_and_others_refused():
     touched = fb.touch("punch", Trajectory.press(200, hold_ms=50), population="one_each")
     panels = {"pad": (3, 4), "raster": (4,), "psth": (3,), "isi": (3,), "force": (1,)}
@@ -638,6 +640,7 @@ def test_a_single_ending_has_a_field_that_is_its_own_mirror_image():
     assert field.hot_spots.tolist() == [1]
 
 
+@pytest.mark.slow
 def test_a_threshold_is_where_the_first_impulse_is():
     field = fb.receptive_field("SA", units=3, depth_um=[100], step_mm=0.5)
     for share, is_reached in ((0.98, False), (1.02, True)):
