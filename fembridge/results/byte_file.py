@@ -276,7 +276,7 @@ def text_runs(path: Path) -> Iterator[tuple[int, str | Characters, bool]]:
                 if len(text) - position > MAX_LINE_BYTES:
                     raise ResultError(
                         f"a line of more than {MAX_LINE_BYTES} bytes, beginning with "
-                        f"{text[position : position + 12]!r}: not a text file of a solver",
+                        f"{in_words(text[position : position + 12])}: not a text file of a solver",
                         path,
                         number,
                     )
@@ -309,6 +309,22 @@ def text_runs(path: Path) -> Iterator[tuple[int, str | Characters, bool]]:
                 )
                 if plain_count < count:
                     break
+
+
+def in_words(content: bytes) -> str:
+    """`content` of a file for a message: quoted text, or how many bytes are no text."""
+    if not content:
+        return "the end of the file"
+    if not content.strip(b"\0"):
+        return f"{len(content)} zero bytes"
+    text = content.strip(b"\r\n")
+    if not text.strip():
+        return "a blank line"
+    shown = "".join(chr(byte) if 32 <= byte < 127 else "\N{MIDDLE DOT}" for byte in text)
+    strange = shown.count("\N{MIDDLE DOT}")
+    if 2 * strange > len(text):
+        return f"{len(content)} bytes that are no text"
+    return f"{shown!r}, {strange} of it no text" if strange else repr(shown)
 
 
 def fixed_integers(characters: Characters) -> tuple[IntArray, BoolArray]:
