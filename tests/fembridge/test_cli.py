@@ -3,6 +3,7 @@
 import json
 import os
 import pickle
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -23,6 +24,7 @@ from fembridge.errors import (
     StimulusError,
     UsageError,
 )
+from fembridge.host.terminal import wrapped
 
 ROOT = Path(fembridge.__file__).parents[1]
 
@@ -426,3 +428,68 @@ def test_misuse_is_2_and_all_else_is_1():
     codes = {error: error.exit_code for error in PUBLIC}
     assert {error for error, code in codes.items() if code == 2} == {UsageError, StimulusError}
     assert set(codes.values()) == {1, 2}
+
+
+@pytest.mark.parametrize(
+    ("words", "option", "parts"),
+    [
+        (
+            "plot DIR --stimulus sine_20",
+            "--stimulus",
+            ["fembridge plot all", "plot raster", "--suffix"],
+        ),
+        ("plot mesh --bin-ms 3", "--bin-ms", ["fembridge plot mesh", "plot psth", "--finger"]),
+        ("plot psth DIR --bim-ms 3", "--bim-ms", ["plot psth", "did you mean --bin-ms"]),
+        ("simulate --press-n 3", "--press-n", ["fembridge simulate", "touch", "simulate --help"]),
+    ],
+)
+def test_an_option_of_another_verb_or_picture_is_named_with_its_owners_in_one_line(
+    words, option, parts, tmp_path, capsys
+):
+    assert cli.main([*words.replace("DIR", str(tmp_path)).split(), "--json"]) == 2
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 1
+    assert json.loads(printed.out)["error"]["argument"] == option
+    for part in parts:
+        assert part in printed.err
+
+
+def test_an_argument_too_many_is_quoted_with_the_usage_of_the_picture(tmp_path, capsys):
+    assert cli.main(["plot", "raster", str(tmp_path), "extra"]) == 2
+    line = capsys.readouterr().err
+    assert "'extra'" in line
+    assert "fembridge plot raster FILE|DIR [options]" in line
+
+
+@pytest.mark.parametrize("columns", [60, 80, 120])
+def test_help_and_outputs_fit_into_the_terminal(columns, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    pages = [[], ["--help"], ["plot", "mesh", "--help"], ["plot", "stimulus", "--help"]]
+    verbs = ["encode", "ingest", "touch", "calibrate", "completion"]
+    pages += [[verb, page] for verb in verbs for page in ("--help", "--help-outputs")]
+    for words in pages:
+        assert cli.main(words) == 0
+        lines = capsys.readouterr().out.splitlines()
+        assert lines
+        assert [line for line in lines if len(line) > columns] == [], words
+
+
+def test_a_wrapped_command_is_the_same_command_for_a_shell():
+    command = "fembridge touch --shape 'braille:text=a b' --press-n 0.25 -o touch_b"
+    lines = wrapped(f"Text.\n\nexample: {command}", 40).splitlines()
+    assert max(map(len, lines)) <= 40
+    assert len(lines) > 4
+    text = "\n".join(lines[2:]).removeprefix("example: ")
+    assert shlex.split(text.replace("\\\n", " ")) == shlex.split(command)
+
+
+def test_a_list_keeps_its_columns_when_it_is_wrapped():
+    item = "  rates.csv   one row per trace,\n              with its rate\n"
+    text = f"Files of a run:\n{item}and no more."
+    assert wrapped(text, 30).splitlines() == [
+        "Files of a run:",
+        "  rates.csv   one row per",
+        "              trace, with its",
+        "              rate",
+        "and no more.",
+    ]
