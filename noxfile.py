@@ -59,12 +59,21 @@ def wheel(session: nox.Session) -> None:
 
 @nox.session(python=["3.11", "3.12", "3.13"])
 def bare(session: nox.Session) -> None:
-    """Install the wheel alone, in each supported Python, and run what a newcomer runs."""
-    session.install("build", "hatchling")
+    """Install the wheel alone, in each supported Python, and run what a newcomer runs.
+
+    ``nox -s bare -- DIR`` installs the wheel in DIR instead of building one.
+    """
     dist = Path(session.create_tmp()) / "dist"
-    session.run("python", "-m", "build", "--wheel", "--outdir", str(dist), "--no-isolation")
-    session.run("python", "-m", "pip", "uninstall", "-q", "-y", "build", "hatchling")
-    session.install(*map(str, dist.glob("*.whl")))
+    if session.posargs:
+        dist = Path(session.posargs[0]).absolute()
+    else:
+        session.install("build", "hatchling")
+        session.run("python", "-m", "build", "--wheel", "--outdir", str(dist), "--no-isolation")
+        session.run("python", "-m", "pip", "uninstall", "-q", "-y", "build", "hatchling")
+    wheels = list(map(str, dist.glob("*.whl")))
+    if len(wheels) != 1:
+        session.error(f"{dist}: found {len(wheels)} wheels, expected 1")
+    session.install(*wheels)
     session.cd(session.create_tmp())  # the checkout is not on the path
     session.run("fembridge", "doctor")
     session.run("fembridge", "simulate", "--stimulus", "noise_25_250", "--stored", "-o", "out")
@@ -74,7 +83,7 @@ def bare(session: nox.Session) -> None:
 
 @nox.session
 def release(session: nox.Session) -> None:
-    """Build wheel and source twice, compare them, and check their metadata."""
+    """Build wheel and source twice, compare them, and check their metadata: files of ``dist``."""
     tools = ("build", "hatchling", "twine", "check-wheel-contents", "pyroma", "cffconvert")
     session.install("-c", "constraints.txt", *tools)
     folders = [Path(session.create_tmp()) / name for name in ("first", "second")]
@@ -89,6 +98,8 @@ def release(session: nox.Session) -> None:
     session.run("check-wheel-contents", str(next(folders[0].glob("*.whl"))))
     session.run("pyroma", "--min", "10", ".")
     session.run("cffconvert", "--validate")
+    shutil.rmtree("dist", ignore_errors=True)
+    shutil.copytree(folders[0], "dist")
 
 
 @nox.session

@@ -106,7 +106,7 @@ def class_table(afferent, study, response, recorded, shipped, published):
     rows = []
     for title, sets, source, held_out in (
         ("shipped `fitted`", fitted, "fitted", held_out_text(shipped, afferent)),
-        ("shipped `fitted_pad`, pin on the pad", fitted, FINGERTIP, ""),
+        ("shipped `fitted_pad`, pin on the ridged pad", fitted, FINGERTIP, ""),
     ):
         training, *validation = set_cells(sets, source, afferent)
         settings = (str(own.cells), f"{PREINDENT_UM:g}", str(len(own.free())))

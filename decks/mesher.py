@@ -346,6 +346,29 @@ def mirrored(half: Mesh) -> Mesh:
 # ---- gmsh
 
 
+def mesher_problem() -> str:
+    """Why no finger can be meshed here, with the command that installs what is missing; or ""."""
+    try:
+        _gmsh_modules()
+    except MissingError as error:
+        return str(error)
+    return ""
+
+
+def _gmsh_modules() -> tuple[Any, Any]:
+    """The modules gmsh and pygmsh; raises MissingError if one of them cannot be imported."""
+    try:
+        import gmsh
+        import pygmsh
+    except OSError as error:
+        raise MissingError(
+            f"gmsh cannot load a system library ({error}); apt-get install -y {SYSTEM_PACKAGES}"
+        ) from error
+    except ImportError as error:
+        raise MissingError(f"{error}; pip install pygmsh") from error
+    return gmsh, pygmsh
+
+
 @contextmanager
 def gmsh_session(options: Mapping[str, int]) -> Iterator[tuple[Any, Any]]:
     """Pygmsh's geometry and the gmsh module under `options`; gmsh is closed at the end.
@@ -357,15 +380,7 @@ def gmsh_session(options: Mapping[str, int]) -> Iterator[tuple[Any, Any]]:
     FingerError
         gmsh is in use by the caller, or cannot mesh.
     """
-    try:
-        import gmsh
-        import pygmsh
-    except OSError as error:
-        raise MissingError(
-            f"gmsh cannot load a system library ({error}); apt-get install -y {SYSTEM_PACKAGES}"
-        ) from error
-    except ImportError as error:
-        raise MissingError(f"{error}; pip install pygmsh") from error
+    gmsh, pygmsh = _gmsh_modules()
     if gmsh.isInitialized():
         raise FingerError("gmsh is already at work here: call gmsh.finalize() first")
     with _signals_kept():

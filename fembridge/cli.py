@@ -305,17 +305,27 @@ class _Parser(argparse.ArgumentParser):
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:  # noqa: ANN401
         """Parse `args`; an unknown option is reported before a missing argument."""
-        options = _options_of(self)
+        parser: argparse.ArgumentParser = self
         for argument in args[: args.index("--")] if "--" in args else args:
+            if not argument.startswith("-"):
+                parser = _subparsers_of(parser).get(argument, parser)
+                continue
             name = argument.partition("=")[0]
+            options = parser._option_string_actions
             if re.match(r"--?[A-Za-z]\S*$", name) and not {name, argument[:2]} & set(options):
-                from fembridge.host.store import near_hint
-
-                verb = next((argument for argument in args if not argument.startswith("-")), "")
-                hint = near_hint(f"--{name.lstrip('-')}", options)
-                hint = hint or "; see " + f"{self.prog} {verb} --help".replace("  ", " ")
-                raise UsageError(f"is no option{hint}", argument=name, found=name)
-        return super().parse_args(args, namespace)
+                raise _unknown_option(name, parser, self)
+        parsed, extra = self.parse_known_args(args, namespace)
+        if extra:
+            named = [
+                str(action.metavar or action.dest) for action in parser._get_positional_actions()
+            ]
+            expected = " ".join([_command_of(parser), *named, "[options]"])
+            raise UsageError(
+                f"{extra[0]!r} is one argument too many; expected {expected}",
+                found=extra[0],
+                expected=expected,
+            )
+        return parsed
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # noqa: ANN401
         """Parse `args` with ``--stimulus=a --stimulus=b`` for ``--stimulus a b``.
@@ -402,6 +412,56 @@ _NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
 def _is_option(argument: str) -> bool:
     """Whether `argument` is an option, not a value, which may be a negative number."""
     return re.match(r"-\.?\d", argument) is None and argument.startswith("-") and len(argument) > 1
+
+
+def _subparsers_of(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    """Parsers of the verbs of `fembridge`, or of the pictures of ``plot``, by name."""
+    return {
+        name: child
+        for action in parser._actions
+        if isinstance(action, argparse._SubParsersAction)
+        for name, child in action.choices.items()
+    }
+
+
+def _command_of(parser: argparse.ArgumentParser) -> str:
+    """Words that select `parser`, such as ``fembridge plot raster``."""
+    return parser.prog.replace(" [options]", "")
+
+
+def _unknown_option(
+    name: str, parser: argparse.ArgumentParser, root: argparse.ArgumentParser
+) -> UsageError:
+    """The error of an option `name` that `parser` lacks: its options, and who has this one."""
+    from fembridge.host.store import near_hint
+
+    owners: list[str] = []
+    for verb, child in _subparsers_of(root).items():
+        pictures = _subparsers_of(child).items()
+        owners += [f"{verb} {key}" for key, picture in pictures if name in _options_of(picture)]
+    if not owners:
+        owners = [
+            verb
+            for verb, child in _subparsers_of(complete_parser()).items()
+            if name in _options_of(child) and name not in _EVERYWHERE
+        ]
+    options = [option_name(action) for action in parser._actions if action.option_strings]
+    own = [option for option in dict.fromkeys(options) if option not in _EVERYWHERE]
+    expected = ", ".join(own)
+    problem = f"is no option of {_command_of(parser)}"
+    if owners:
+        more = f" and {len(owners) - _MOST_OWNERS} more" if len(owners) > _MOST_OWNERS else ""
+        problem += f", but of {', '.join(owners[:_MOST_OWNERS])}{more}"
+    if own and len(own) <= _MOST_LISTED:
+        problem += f"; expected {expected}"
+    problem += f"; see {_command_of(parser)} --help"
+    problem += near_hint(f"--{name.lstrip('-')}", options)
+    return UsageError(problem, argument=name, found=name, expected=expected)
+
+
+# Options of every verb, and how many options and owners of an option a message lists.
+_EVERYWHERE = ("--help", "--help-outputs", "--json", "--quiet")
+_MOST_LISTED, _MOST_OWNERS = 8, 6
 
 
 def _options_of(parser: argparse.ArgumentParser) -> dict[str, argparse.Action]:

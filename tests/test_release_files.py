@@ -68,6 +68,21 @@ def test_the_workflow_may_read_the_repository_in_every_job():
     assert all("contents: read" in permissions for permissions in own)
 
 
+def test_the_released_files_are_those_that_were_checked_and_installed():
+    """Only the job `package` builds; `bare` and `release` get its files."""
+    jobs = dict(
+        re.findall(r"^  (\w+):\n((?:(?:    .*)?\n)+)", WORKFLOW.partition("jobs:")[2], re.M)
+    )
+    assert set(jobs) == {"check", "package", "bare", "release"}
+    assert "nox -s release" in jobs["package"]
+    assert re.search(r"upload-artifact@\S+\n\s+with: \{ name: dist, path: dist\b", jobs["package"])
+    for name in ("bare", "release"):
+        assert re.search(r"download-artifact@\S+\n\s+with: \{ name: dist, path: dist ", jobs[name])
+        assert "package" in re.search(r"needs: (.*)", jobs[name])[1]
+    assert "run:" not in jobs["release"] and "checkout" not in jobs["release"]
+    assert "bare-${{ matrix.python }} -- dist" in jobs["bare"]
+
+
 def test_the_workflow_runs_existing_sessions_and_names_no_secret():
     assert "secrets." not in WORKFLOW
     sessions = set(re.findall(r"^def (\w+)\(session", (ROOT / "noxfile.py").read_text(), re.M))

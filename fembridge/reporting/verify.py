@@ -12,6 +12,7 @@ from typing import Any
 
 from pandas import DataFrame, read_csv
 
+from decks.mesher import mesher_problem
 from fembridge.errors import MissingError, ResultError, SolverError, UsageError
 from fembridge.host.executor import OnMessage, WorkerDiedError, executor_of, finished
 from fembridge.host.machine import SOLVER_INSTALL_LINE, check_ccx, cores, find_ccx
@@ -31,12 +32,17 @@ _TABLES, _PREFIX = "tables", "verification_"
 
 @dataclass(frozen=True, slots=True)
 class VerificationStudy:
-    """A study: name, title on the page, function, and the text on reductions of a quick run."""
+    """A study: name, title on the page, function, and the text on reductions of a quick run.
+
+    `needs_gmsh` and `quick_needs_gmsh` state whether a full and a quick run mesh fingers.
+    """
 
     name: str
     title: str
     function: Callable[[Runs], Finding]
     left_out: str = ""
+    needs_gmsh: bool = False
+    quick_needs_gmsh: bool = False
 
     def make(self, folder: Path, quick: bool) -> Finding:
         """Finding of the study; runs, and the figure as a PNG file, are in `folder`."""
@@ -45,6 +51,10 @@ class VerificationStudy:
         if finding.figure is not None:
             save_figure(finding.figure, folder / "images" / f"verification_{self.name}.png")
         return replace(finding, figure=None, cost=runs.spent)
+
+    def problem(self, quick: bool) -> str:
+        """Why the study cannot run on this machine, known before anything is solved; or ""."""
+        return mesher_problem() if (self.quick_needs_gmsh if quick else self.needs_gmsh) else ""
 
     @property
     def constants(self) -> Mapping[str, Any]:
@@ -66,12 +76,15 @@ STUDIES = (
         "A nearly incompressible dermis",
         pressed_finger.incompressible,
         "rings with up to 16 elements across; `quick` finger only",
+        needs_gmsh=True,
     ),
     VerificationStudy(
         "mesh",
         "Convergence with the mesh",
         pressed_finger.mesh,
         "three meshes, 4 increments; limits from a full run",
+        needs_gmsh=True,
+        quick_needs_gmsh=True,
     ),
     VerificationStudy(
         "contact",
@@ -208,8 +221,8 @@ def verify(
 ) -> Verification:
     """Checks of the finite-element model against closed forms and other references.
 
-    CalculiX is required. Complete runs in `output` are reused, so a stopped verification
-    resumes.
+    CalculiX is required; studies that mesh fingers are skipped if gmsh cannot be imported. Complete
+    runs in `output` are reused, so a stopped verification resumes.
 
     Parameters
     ----------
@@ -291,6 +304,8 @@ def run_studies(
 ) -> dict[str, Finding]:
     """Findings of the studies by name, in page order.
 
+    Studies that mesh fingers are skipped if gmsh cannot be imported.
+
     Parameters
     ----------
     folder
@@ -313,9 +328,15 @@ def run_studies(
     """
     studies = studies_named(names)
     make_folder(folder)
-    jobs = min(jobs, len(studies))
-    order = deque(studies[::-1] if jobs > 1 else studies)  # long studies first: all cores stay busy
     findings: dict[str, Finding] = {}
+    for study in studies:
+        if problem := study.problem(quick):
+            findings[study.name] = Finding(skipped=problem)
+            on_message(f"{study.name}: skipped: {problem}")
+    runnable = [study for study in studies if study.name not in findings]
+    # long studies first: all cores stay busy
+    order = deque(runnable[::-1] if jobs > 1 else runnable)
+    jobs = max(1, min(jobs, len(runnable)))
     # The first failure stops the other studies; their finished runs are kept.
     with signals_as_exits(), executor_of(jobs, on_message) as executor:
 

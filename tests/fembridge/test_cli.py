@@ -426,3 +426,34 @@ def test_misuse_is_2_and_all_else_is_1():
     codes = {error: error.exit_code for error in PUBLIC}
     assert {error for error, code in codes.items() if code == 2} == {UsageError, StimulusError}
     assert set(codes.values()) == {1, 2}
+
+
+@pytest.mark.parametrize(
+    ("words", "option", "parts"),
+    [
+        (
+            "plot DIR --stimulus sine_20",
+            "--stimulus",
+            ["fembridge plot all", "plot raster", "--suffix"],
+        ),
+        ("plot mesh --bin-ms 3", "--bin-ms", ["fembridge plot mesh", "plot psth", "--finger"]),
+        ("plot psth DIR --bim-ms 3", "--bim-ms", ["plot psth", "did you mean --bin-ms"]),
+        ("simulate --press-n 3", "--press-n", ["fembridge simulate", "touch", "simulate --help"]),
+    ],
+)
+def test_an_option_of_another_verb_or_picture_is_named_with_its_owners_in_one_line(
+    words, option, parts, tmp_path, capsys
+):
+    assert cli.main([*words.replace("DIR", str(tmp_path)).split(), "--json"]) == 2
+    printed = capsys.readouterr()
+    assert printed.err.count("\n") == 1
+    assert json.loads(printed.out)["error"]["argument"] == option
+    for part in parts:
+        assert part in printed.err
+
+
+def test_an_argument_too_many_is_quoted_with_the_usage_of_the_picture(tmp_path, capsys):
+    assert cli.main(["plot", "raster", str(tmp_path), "extra"]) == 2
+    line = capsys.readouterr().err
+    assert "'extra'" in line
+    assert "fembridge plot raster FILE|DIR [options]" in line

@@ -5,6 +5,7 @@ import csv
 import json
 import math
 import re
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -192,6 +193,35 @@ def test_a_verification_without_a_single_check_is_refused(tmp_path, monkeypatch)
     monkeypatch.setattr("fembridge.reporting.plane.skfem_version", lambda: None)
     with pytest.raises(MissingError, match="scikit-fem"):
         module.verify(tmp_path, only=["solver"], jobs=1)
+    assert not (tmp_path / module.PAGE_FILE).exists()
+
+
+@pytest.mark.parametrize(
+    ("quick", "skipped"), [(True, {"mesh"}), (False, {"mesh", "incompressible"})]
+)
+def test_without_gmsh_studies_that_mesh_fingers_are_skipped_and_the_others_run(
+    calls_of_patch, tmp_path, monkeypatch, capsys, quick, skipped
+):
+    monkeypatch.setitem(sys.modules, "gmsh", None)  # as if it were not installed
+    names = ["patch", "incompressible", "mesh"] if not quick else ["patch", "mesh"]
+    options = ["--only", ",".join(names), "--jobs", "1", *(["--quick"] if quick else [])]
+    summary = command.run(arguments(tmp_path, *options))
+    reasons = {study["name"]: study["skipped"] for study in summary["studies"] if study["skipped"]}
+    assert set(reasons) == skipped
+    assert all("gmsh" in reason and "pip install" in reason for reason in reasons.values())
+    assert len(calls_of_patch) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[: len(skipped)] == [f"{name}: skipped: {reasons[name]}" for name in reasons]
+    page = (tmp_path / module.PAGE_FILE).read_text(encoding="utf-8")
+    assert page.count(f"Skipped: {reasons['mesh']}.") == len(skipped)
+
+
+def test_a_verification_of_skipped_studies_alone_is_refused_at_once(
+    tmp_path, monkeypatch, calls_of_patch
+):
+    monkeypatch.setitem(sys.modules, "gmsh", None)
+    with pytest.raises(MissingError, match="gmsh"):
+        module.verify(tmp_path, only=["mesh", "incompressible"])
     assert not (tmp_path / module.PAGE_FILE).exists()
 
 
