@@ -293,8 +293,8 @@ def _draw_view(panel: "Axes", touch: "Touch", *, first: bool) -> None:
 
 
 def _hardest(touch: "Touch") -> int:
-    """The solved state with the largest force."""
-    return int(touch.contact.forces_n.sum(axis=1).argmax()) if touch.contact.forces_n.size else 0
+    """The solved state with the largest force that was reached."""
+    return touch.contact.hardest if touch.contact.forces_n.size else 0
 
 
 def check_movie(path: Path) -> None:

@@ -10,8 +10,11 @@ level, are averaged over the time in which the shape moves by one node. Otherwis
 comes into contact would be a tap. On the fine grid of ridged skin nothing is averaged.
 """
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
+from sys import getsizeof
 from typing import TypedDict
 
 import numpy as np
@@ -19,8 +22,10 @@ import numpy as np
 from fembridge.errors import UsageError
 from fembridge.host.memory import check_memory
 from fembridge.touching.contact import (
+    DEEPEST_UM,
     MM_PER_UM,
     MOST_UM,
+    STRONGEST_N,
     ContactSolver,
     PressBy,
     press_steps,
@@ -36,15 +41,28 @@ from fembridge.touching.contact_warnings import (
 )
 from fembridge.touching.friction import friction_shares, slid_before
 from fembridge.touching.grid_contact import GridContactSolver
-from fembridge.touching.large_strain import LargeStrain, has_large_strain, is_deep, press_deep
+from fembridge.touching.kept_states import kept, shape_key
+from fembridge.touching.large_strain import (
+    SMALL_UM,
+    LargeStrain,
+    has_large_strain,
+    is_deep,
+    press_deep,
+)
 from fembridge.touching.pad import Pad, SkinNodes
 from fembridge.touching.relaxation import Relaxation, RelaxingContact, relaxation_of
 from fembridge.touching.shape import Shape
 from fembridge.touching.trajectory import PinArray, Trajectory
 from fembridge.typing import BoolArray, FloatArray, IntArray, SingleArray
 
-# Levels at which contact is solved for a shape that goes in and out.
-LEVELS = 25
+# A shape that goes in and out is solved at so many levels up to the top of a rung: 300 um, or 1 N,
+# times a power of 2. All touches of a rung share its states, and fall between the last of them.
+LEVELS = 27
+RUNGS_PER_DOUBLING = 5
+# Below these levels, um or N, states are those of a touch alone.
+_LEAST_UM, _LEAST_N = 0.1, 1e-5
+_RUNG = 2.0 ** (1 / RUNGS_PER_DOUBLING)
+_SHARES = (np.arange(LEVELS) / (LEVELS - 1)) ** 1.5
 _MAX_STRIDE = 20
 # Numbers in double precision of which a mean over steps is taken at a time.
 _NUMBERS_PER_BLOCK = 4_000_000
@@ -63,7 +81,8 @@ class ContactHistory:
     total_n, depth_um
         Force of the shape in N and its depth in um, ``(S,)``.
     knots
-        Rising coordinate of the states, ``(S,)``: level or number of the sample.
+        Rising coordinate of the states, ``(S,)``: level or number of the sample. Levels go on to
+        the top of a rung, beyond the largest of the touch.
     position
         Coordinate of each sample of the trajectory, ``(T,)``.
     drag
@@ -72,6 +91,8 @@ class ContactHistory:
     large_strain
         Loads that stand for contact and large strain in the states of a deep touch. Default: None,
         small strain.
+    key
+        All that the states depend on, where they are kept for touches to come. Default: None.
     layer_forces_n
         By layer, forces ``(S, node)`` whose elastic stress is that in the layer. Default: none,
         `forces_n`; relaxing skin has others.
@@ -86,6 +107,30 @@ class ContactHistory:
     drag: FloatArray | None = None
     layer_forces_n: Mapping[str, SingleArray] = field(default_factory=dict)
     large_strain: LargeStrain | None = None
+    key: Hashable | None = None
+
+    @property
+    def reached(self) -> int:
+        """Number of states up to the first that no sample goes beyond; further ones are of a rung.
+
+        Samples lie between states, and states go on to the top of a rung that touches share.
+        """
+        if not self.position.size:
+            return self.knots.size
+        highest = float(self.position.max())
+        return min(int(np.searchsorted(self.knots, highest)) + 1, self.knots.size)
+
+    @property
+    def hardest(self) -> int:
+        """The state nearest to the sample with the largest force."""
+        hardest = int(np.interp(self.position, self.knots, self.total_n).argmax())
+        return int(np.abs(self.knots - self.position[hardest]).argmin())
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the states, without the responses of the pad."""
+        loads = 0 if self.large_strain is None else self.large_strain.loads_n.nbytes
+        return self.forces_n.nbytes + loads + 64 * self.nodes.size
 
     def forces_in(self, layer: str) -> FloatArray | SingleArray:
         """Forces ``(S, node)`` in N whose elastic stress is that in a layer.
@@ -179,21 +224,108 @@ def _solve(
         return _slide(pad, shape, trajectory, friction, memory)
     if memory:
         return _press_over_time(pad, shape, trajectory, memory)
-    highest = max(float(trajectory.level.max()), 1e-9)
-    level = highest * (np.arange(LEVELS) / (LEVELS - 1)) ** 1.5
+    highest = float(trajectory.level.max())
+    states = _shared_states(pad, shape, highest, by_force=trajectory.by_force)
+    return replace(states, position=np.clip(trajectory.level, 0.0, states.knots[-1]))
+
+
+def _shared_states(pad: Pad, shape: Shape, highest: float, *, by_force: bool) -> ContactHistory:
+    """States of a press up to `highest` um, or N by force: those of its rung, or its own.
+
+    Without a rung is what presses nothing, or where its top is beyond what can be solved.
+    """
+    touched = pad, shape_key(shape)
+    if highest >= (_LEAST_N if by_force else _LEAST_UM):
+        try:
+            top, is_large = _rung(pad, shape, highest, by_force=by_force)
+            # A pad that is seen from a side is made anew for each touch.
+            key = None if pad.pose else (*touched, top, is_large, by_force)
+            make = partial(_states_up_to, pad, shape, top, is_large, by_force=by_force, key=key)
+            states = kept(key, make, lambda made: made.nbytes)
+            if states.large_strain is not None:  # fields on the pad, 50 MB, are those of a touch
+                states = replace(states, large_strain=replace(states.large_strain))
+            return states
+        except UsageError:  # deeper than can be solved, or all of it is wrong: raised again
+            pass
+    highest = max(highest, 1e-9)
     # A force that never presses is a depth of nothing.
-    by_force, large_strain = trajectory.by_force and float(trajectory.level.max()) > 0, None
-    if has_large_strain(pad) and is_deep(pad, shape, level, by_force=by_force):
-        nodes: SkinNodes
+    by_force = by_force and highest > 1e-9
+    level = highest * _SHARES
+    is_large = has_large_strain(pad) and is_deep(pad, shape, level, by_force=by_force)
+    return _states_up_to(pad, shape, highest, is_large, by_force=by_force)
+
+
+def _states_up_to(
+    pad: Pad,
+    shape: Shape,
+    top: float,
+    is_large: bool,
+    *,
+    by_force: bool,
+    key: Hashable | None = None,
+) -> ContactHistory:
+    """States at `LEVELS` levels up to `top`, with large strain or without."""
+    level = top * _SHARES
+    nodes: SkinNodes
+    large_strain = None
+    if is_large and has_large_strain(pad):
         nodes, forces, depth_um, large_strain = press_deep(pad, shape, level, by_force=by_force)
     else:
         nodes, forces, depth_um = press_to(pad, shape, level, by_force=by_force)
     is_loaded = np.asarray((forces > 0).any(axis=0))
     nodes, forces = nodes.subset(is_loaded), forces[:, is_loaded]
-    position = np.clip(trajectory.level, 0.0, highest)
     return ContactHistory(
-        nodes, forces, forces.sum(axis=1), depth_um, level, position, large_strain=large_strain
+        nodes,
+        forces,
+        forces.sum(axis=1),
+        depth_um,
+        level,
+        np.zeros(0),
+        large_strain=large_strain,
+        key=key,
     )
+
+
+def _rung(pad: Pad, shape: Shape, highest: float, *, by_force: bool) -> tuple[float, bool]:
+    """Top of the rung of `highest` um, or N by force, and whether its states have large strain.
+
+    A depth of `SMALL_UM` ends a rung, as does the force at that depth: no rung has touches of both
+    kinds.
+    """
+    is_possible = has_large_strain(pad)
+    if not by_force:
+        top, most_um = _above(highest / SMALL_UM) * SMALL_UM, DEEPEST_UM if is_possible else MOST_UM
+        return (
+            min(top, most_um) if highest <= most_um else highest
+        ), is_possible and top > SMALL_UM
+    top = _above(highest)
+    if not is_possible:
+        return top, False
+    top = min(top, STRONGEST_N) if highest <= STRONGEST_N else highest
+
+    touched = None if pad.pose else (pad, shape_key(shape))
+
+    def is_deep_at(force_n: float) -> bool:
+        make = partial(is_deep, pad, shape, np.array([force_n]), by_force=True)
+        return kept(touched and (*touched, force_n, "is deep"), make, getsizeof)
+
+    if not is_deep_at(top):
+        return top, False
+    if is_deep_at(top / _RUNG) or is_deep_at(highest):
+        return top, True
+    forces_at = partial(press_to, pad, shape, np.array([SMALL_UM]))
+    most_n = kept(
+        touched and (*touched, "most of small strain"),
+        lambda: float(forces_at()[1].sum()),
+        getsizeof,
+    )
+    return max(highest, most_n), False
+
+
+def _above(share: float) -> float:
+    """The least power of `_RUNG` that is not below `share`."""
+    number = math.ceil(math.log2(share) * RUNGS_PER_DOUBLING - 1e-9)
+    return max(float(2.0 ** (number / RUNGS_PER_DOUBLING)), share)
 
 
 def _press_over_time(
@@ -367,16 +499,21 @@ def _moving_mean(values: FloatArray | SingleArray, window: float) -> FloatArray:
 
 def _middle_mm(contact: ContactHistory) -> tuple[float, float]:
     """Middle of the contact once it has half of its largest force, in the plane of the shape."""
-    force_n = contact.forces_n[int((contact.total_n >= 0.5 * contact.total_n.max()).argmax())]
+    half_n = 0.5 * contact.total_n[contact.hardest]
+    force_n = contact.forces_n[int((contact.total_n >= half_n).argmax())]
     x_mm, z_mm = contact.nodes.seen_mm
     total_n = max(float(force_n.sum()), 1e-30)
     return float(force_n @ x_mm) / total_n, float(force_n @ z_mm) / total_n
 
 
 def contact_warnings(
-    pad: Pad, shape: Shape | None, trajectory: Trajectory, contact: ContactHistory
+    pad: Pad,
+    shape: Shape | None,
+    trajectory: Trajectory,
+    contact: ContactHistory,
+    depth_um: float,
 ) -> list[str]:
-    """Warnings of a contact, see `fembridge.touching.contact_warnings`."""
+    """Warnings of a contact `depth_um` deep, see `fembridge.touching.contact_warnings`."""
     if not contact.forces_n.size:
         return []
     narrow, ended, end_ms = None, shape, None
@@ -386,13 +523,13 @@ def contact_warnings(
         narrowest_mm = min(diameter_mm for *_, diameter_mm in trajectory.pins.positions)
         narrow = narrow_warning(pad, "a pin", narrowest_mm)
     elif shape is not None:
-        hardest = int(contact.total_n.argmax())
+        hardest = contact.hardest
         if trajectory.x_mm is not None and trajectory.z_mm is not None:
             sample = int(contact.knots[hardest])
             shape = shape.moved(float(trajectory.x_mm[sample]), float(trajectory.z_mm[sample]))
         width_mm = narrow_part_mm(pad, shape, contact.nodes, contact.forces_n[hardest])
         narrow = narrow_warning(pad, shape.name, width_mm)
-    end = end_warning(pad, contact.nodes, contact.forces_n)
-    deep = depth_warning(float(contact.depth_um.max()), large=contact.large_strain is not None)
+    end = end_warning(pad, contact.nodes, contact.forces_n[: contact.reached])
+    deep = depth_warning(depth_um, large=contact.large_strain is not None)
     texts = (end, narrow, deep, None if ended is None else texture_warning(ended.name, end_ms))
     return [text for text in texts if text]

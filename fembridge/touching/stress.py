@@ -25,6 +25,7 @@ import numpy as np
 from fembridge.touching.contact import blas_threads, press_to
 from fembridge.touching.contact_history import ContactHistory
 from fembridge.touching.influence import read_influence
+from fembridge.touching.kept_states import kept
 from fembridge.touching.pad import Pad, SkinNodes
 from fembridge.touching.population import Population
 from fembridge.touching.shape import Shape
@@ -59,11 +60,15 @@ class ContactStress:
 
     def reader(self, rows: IntArray) -> Callable[[int, int], FloatArray]:
         """Function of a first and an end sample that returns the stress of the units `rows`."""
-        knots, position = self.contact.knots, self.contact.position
-        units = self.units[rows]
+        knots, position, key = self.contact.knots, self.contact.position, self.contact.key
         if knots.size <= _FEW_STATES:
-            all_states = self._at_states(units, 0, knots.size)
+            all_states = kept(
+                key and (key, self.pad, self.units, rows.tobytes()),
+                lambda: self._at_states(self.units[rows], 0, knots.size),
+                lambda stress: stress.nbytes,
+            )
             return lambda first, last: interpolate_states(knots, all_states, position[first:last])
+        units = self.units[rows]
 
         def part(first: int, last: int) -> FloatArray:
             # A cubic between two states takes the slopes there, and these one more on each side.

@@ -313,7 +313,11 @@ def touch_skin(
         noise_mv=noise_mv,
         rng=np.random.default_rng(seed),
     )
-    texts = contact_warnings(pad, shape, trajectory, contact)
+    force_n, depth_um = (
+        interpolate_states(contact.knots, values, contact.position)
+        for values in (contact.total_n, contact.depth_um)
+    )
+    texts = contact_warnings(pad, shape, trajectory, contact, float(depth_um.max()))
     for text in texts:
         warn(text)
     origin: Table = {
@@ -325,7 +329,7 @@ def touch_skin(
         "trials": int(trials),
         "noise_mv": float(noise_mv),
         "seed": int(seed),
-        "nodes_in_contact": int(contact.nodes.size),
+        "nodes_in_contact": int(contact.forces_n[: contact.reached].any(axis=0).sum()),
         "warnings": texts,
     }
     if (relaxation := relaxation_of(pad)) and isinstance(pad, PrismPad):
@@ -339,8 +343,8 @@ def touch_skin(
     return Touch(
         population=population,
         trajectory=trajectory,
-        force_n=interpolate_states(contact.knots, contact.total_n, contact.position),
-        depth_um=interpolate_states(contact.knots, contact.depth_um, contact.position),
+        force_n=force_n,
+        depth_um=depth_um,
         contact=contact,
         fired=fired,
         trials=trials,

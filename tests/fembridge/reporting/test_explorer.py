@@ -84,7 +84,7 @@ def test_the_stress_on_the_skin_is_that_of_the_touch(touch):
     hardest = int(touch.force_n[: arrays["time_ms"].size].argmax())
     frame = int(np.abs(arrays["frame_ms"] - arrays["time_ms"][hardest]).argmin())
     vertex = int(np.hypot(arrays["surface_mm"][:, 0], arrays["surface_mm"][:, 2]).argmin())
-    state = np.array([touch.contact.forces_n.sum(axis=1).argmax()])
+    state = np.array([touch.contact.hardest])
     place = arrays["surface_mm"][vertex]
     [[[stress_pa]]] = touch.skin_stress_pa(state, place[:1], place[2:])
     shown_kpa = arrays["stress"][frame, vertex] / 255 * data["most_stress_kpa"]
