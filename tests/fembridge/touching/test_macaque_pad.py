@@ -59,7 +59,9 @@ def test_the_same_force_presses_a_narrow_finger_harder():
 def test_recorded_textures_are_scanned_over_the_macaque_s_finger(monkeypatch):
     given = []
     monkeypatch.setattr(validation_data, "recorded_points", lambda *args, **_: given.append(args))
-    own = SimpleNamespace(model=parameter_set("fitted_pad"), response=SimpleNamespace(deepest_um=600.0))
+    own = SimpleNamespace(
+        model=parameter_set("fitted_pad"), response=SimpleNamespace(deepest_um=600.0)
+    )
     simulations = {own.model.name: SimpleNamespace(mean_rates=[])}
     for skin in (None, resolve_pad("reference")):
         validation_data._points(None, simulations, own, None, None, {}, skin)
