@@ -259,8 +259,8 @@ _SHARED: Mapping[str, Description] = {
     ),
     "pad": (
         "NAME|FILE.npz",
-        "reference; macaque; fingertip or fingertip_macaque (round); for touch also plane (the ridged "
-        "section, endless along z); or a file",
+        "reference; macaque; fingertip or fingertip_macaque (round); for touch also plane (the "
+        "ridged section, endless along z); or a file",
     ),
     "endings_mm": (
         "MM",
