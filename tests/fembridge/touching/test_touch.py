@@ -25,7 +25,6 @@ from fembridge.results.von_mises import von_mises_pa as tensor_von_mises
 from fembridge.touching.contact import press_to
 from fembridge.touching.pad_file import resolve_pad
 from fembridge.touching.population import Population
-from fembridge.touching.prism_pad import TIP_RADIUS_MM
 from fembridge.touching.receptive_field import _Probe, hot_spot_counts
 from fembridge.touching.shape import Shape, resolve_shape
 from fembridge.touching.stress import SA_NU, driving_stress_pa, sa_stress_pa
@@ -374,7 +373,7 @@ def test_what_touches_a_plane_pad_is_endless_and_forces_are_by_millimetre():
         resolve_pad("plane"), Shape.cylinder(1.0), Trajectory.press(press_um=200), ONE, FITTED
     )
     units = Population.line(step_mm=3.0, half_length_mm=3.0, afferents=("PC",))
-    rod = Shape("rod", lambda x, z: Shape.cylinder(1.0).height_mm(x, z) - z**2 / 2 / TIP_RADIUS_MM)
+    rod = Shape("rod", lambda x, z: Shape.cylinder(1.0).height_mm(x, z) - z**2 / 40.0)
     with pytest.warns(FembridgeWarning, match="z = 12 mm"):
         whole = touch_skin(PAD, rod, Trajectory.press(press_um=200), units, FITTED)
     assert_allclose(whole.stress_pa.max(axis=0)[1], one.stress_pa.max(axis=0)[2], rtol=0.02)
