@@ -309,7 +309,8 @@ def _points(
     touched = (fingertip or judged).model
     pad = skin or resolve_pad("reference")
     smooth = pad.smooth_pad if isinstance(pad, RidgedPad) else pad
-    textured = skin or with_ridges(pad, None)
+    # The recorded textures were scanned over fingers of macaques.
+    textured = skin or with_ridges(resolve_pad("macaque"), None)
     tips = (Fingertip(smooth, touched), Fingertip(textured, touched))
     on = FINGERTIP if fingertip else JUDGED
     return recorded_points(observed_rates, rates, evidence, tables, *tips, touches_of=on)

@@ -52,8 +52,8 @@ class PadProbe:
     Parameters
     ----------
     pad
-        ``"reference"``; a round fingertip, ``"fingertip"`` or ``"fingertip_macaque"``; the path of
-        a file, or a `Pad`. Default: ``"reference"``.
+        ``"reference"``; ``"macaque"``, a narrow finger; a round fingertip, ``"fingertip"`` or
+        ``"fingertip_macaque"``; the path of a file, or a `Pad`. Default: ``"reference"``.
     shape
         The probe: a `Shape`, or a specification such as ``"punch:diameter_mm=0.7"`` of the
         shapes of `touch`. Default: ``"punch"``, a flat pin of 1 mm.
