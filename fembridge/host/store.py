@@ -540,6 +540,7 @@ class _FieldError(Exception):
         self.keys, self.cause = keys, cause
 
 
+@cache
 def _has_scalars_only(kind: type) -> bool:
     """Whether `kind` is a dataclass of numbers, texts and truth values, which need no cattrs."""
     if not is_dataclass(kind):

@@ -512,7 +512,11 @@ def contact_warnings(
         if trajectory.x_mm is not None and trajectory.z_mm is not None:
             sample = int(contact.knots[hardest])
             shape = shape.moved(float(trajectory.x_mm[sample]), float(trajectory.z_mm[sample]))
-        width_mm = narrow_part_mm(pad, shape, contact.nodes, contact.forces_n[hardest])
+        width_mm = kept(
+            contact.key and (contact.key, hardest, "narrow part"),
+            partial(narrow_part_mm, pad, shape, contact.nodes, contact.forces_n[hardest]),
+            getsizeof,
+        )
         narrow = narrow_warning(pad, shape.name, width_mm)
     end = end_warning(pad, contact.nodes, contact.forces_n[: contact.reached])
     deep = depth_warning(depth_um, large=contact.large_strain is not None)
