@@ -20,6 +20,7 @@ import numpy as np
 
 from fembridge.errors import UsageError
 from fembridge.host.memory import check_memory
+from fembridge.host.progress import advance
 from fembridge.touching.contact import (
     DEEPEST_UM,
     MM_PER_UM,
@@ -240,6 +241,7 @@ def _shared_states(pad: Pad, shape: Shape, highest: float, *, by_force: bool) ->
             key = None if pad.pose else (*touched, top, is_large, by_force)
             make = partial(_states_up_to, pad, shape, top, is_large, by_force=by_force, key=key)
             states = kept(key, make, lambda made: made.nbytes)
+            advance("contact", 1.0)  # also if they were kept
             if states.large_strain is not None:  # fields on the pad, 50 MB, are those of a touch
                 states = replace(states, large_strain=replace(states.large_strain))
             return states
