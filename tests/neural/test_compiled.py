@@ -11,7 +11,7 @@ from neural.compiled import compiled, jit
 from neural.encoder import encode_units
 from neural.lif import Membrane, State, fire
 
-MODULES = (filters, lif, time_step)
+MODULES = (encoder, filters, lif, time_step)
 
 
 def use(way, patch):
