@@ -26,12 +26,13 @@ from fembridge.results.printed import read_node_print
 from fembridge.solver.ccx import run_ccx
 from fembridge.touching.green import stress_row
 from fembridge.touching.large_strain import press_deep
-from fembridge.touching.prism_pad import TIP_RADIUS_MM, PrismPad
+from fembridge.touching.prism_pad import PrismPad
 from fembridge.touching.shape import Shape
 
 DEPTHS_MM = {"plate": (0.5, 1, 1.5, 2, 2.5, 3), "ball": (0.5, 1, 1.5, 2, 2.5, 3, 3.5, 3.75, 4)}
 SHAPES = {"plate": Shape.plate(), "ball": Shape.sphere(5.0)}
 REACH_MM = 7.0
+_TIP_RADIUS_MM = 20.0  # `PrismPad.tip_radius_mm` of the finger quick
 # Class, layer, row of elements above its depth, depth.
 SITES = (
     ("SA", "epidermis", 1, 0.5875),
@@ -161,7 +162,7 @@ def _probe(name: str, node: int, element: int) -> Iterator[str]:
         polar = 0.97 * np.pi / 2 * ring
         x, z = (2.5 * np.sin(polar) * part for part in (np.cos(turn), np.sin(turn)))
         y = 2.5 * (1 - np.cos(polar))
-    y = y + z**2 / (2 * TIP_RADIUS_MM) + 1e-4
+    y = y + z**2 / (2 * _TIP_RADIUS_MM) + 1e-4
     count, length = x.shape
     yield f"*NODE, NSET={PROBE_SET}"
     for top in (0, 1):

@@ -296,15 +296,21 @@ def ramps():
     return table(["ramp and hold", "model / TouchSim"], lines)
 
 
-def skins():
-    ridges = {"smooth": "none", "ridged": "loop"}
-    return {name: Fingertip(with_ridges(PAD, kind), PARAMETERS) for name, kind in ridges.items()}
+def fingers(*names):
+    """Fingers on which textures are scanned, ``macaque, ridged``, by name."""
+    tips = {}
+    for name in names:
+        animal, skin = name.split(", ")
+        pad = resolve_pad("macaque") if animal == "macaque" else PAD
+        ridges = "none" if skin == "smooth" else "loop"
+        tips[name] = Fingertip(with_ridges(pad, ridges), PARAMETERS)
+    return tips
 
 
 def textures():
-    """Rates under ten textures at 80 mm/s, 0.3 N: smooth / ridged skin / TouchSim."""
+    """Rates under ten textures at 80 mm/s, 0.3 N: macaque / human, ridged / TouchSim."""
     stored = touchsim_table("textures").set_index(["speed_mm_per_s", "shape", "afferent"])
-    tips = skins()
+    tips = fingers("macaque, ridged", "human, ridged")
     lines = []
     for shape in TEXTURES:
         rates = [tip.texture_rates_ips(shape, SPEED_MM_PER_S) for tip in tips.values()]
@@ -319,9 +325,12 @@ def textures():
 
 
 def texture_agreement(recorded):
-    """Agreement of smooth and ridged skin and TouchSim with recorded textures."""
+    """Agreement of both fingers, ridged and smooth, and TouchSim with recorded textures."""
     lines = []
-    for name, tip in skins().items():
+    names = [
+        f"{animal}, {skin}" for animal in ("macaque", "human") for skin in ("ridged", "smooth")
+    ]
+    for name, tip in fingers(*names).items():
         points = pandas.DataFrame(
             _texture_points(tip, recorded),
             columns=["set", "afferent", "condition", "recorded", "judged", FINGERTIP, TOUCHSIM],
@@ -329,7 +338,7 @@ def texture_agreement(recorded):
         found = recorded_rows(points, "judged")
         for row in found[found["source"].isin([FINGERTIP, TOUCHSIM])].to_dict("records"):
             numbers = (text(row[key]) for key in ("ratio", "correlation", "r_squared", "explained"))
-            title = TOUCHSIM if row["source"] == TOUCHSIM else f"{name} skin"
+            title = TOUCHSIM if row["source"] == TOUCHSIM else name
             line = [title, row["afferent"], *numbers, text(row["rmse"], ".0f")]
             if line not in lines:
                 lines.append(line)
@@ -338,8 +347,8 @@ def texture_agreement(recorded):
 
 
 def swings():
-    """Rms swing of stress of the median unit in three bands: smooth / ridged, in Pa."""
-    tips = skins()
+    """Rms swing of stress on the human finger: smooth / ridged, median unit, three bands, in Pa."""
+    tips = fingers("human, smooth", "human, ridged")
     lines = []
     for shape in ("grating_3", "grating_8", "dots_3"):
         cells = {afferent: [] for afferent in AFFERENTS}

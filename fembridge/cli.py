@@ -22,7 +22,6 @@ import errno
 import os
 import re
 import shlex
-import shutil
 import sys
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -54,6 +53,8 @@ from fembridge.host.terminal import (
     log,
     logged_lines,
     quiet_terminal,
+    text_width,
+    wrapped,
 )
 from fembridge.version import __version__
 
@@ -165,7 +166,7 @@ def _run(arguments: list[str]) -> int:
         rewrite = getattr(command, "spelled_out", list)
         args = parser.parse_args(rewrite(arguments))
         if command is None:
-            print(_first_hour_text())
+            print(wrapped(_first_hour_text(), text_width()))
             return 0
         args.explicit = _explicit_options(arguments, parser)
         args.command_line = shlex.join(["fembridge", *arguments])
@@ -319,7 +320,7 @@ class _Parser(argparse.ArgumentParser):
             named = [
                 str(action.metavar or action.dest) for action in parser._get_positional_actions()
             ]
-            expected = " ".join([_command_of(parser), *named, "[options]"])
+            expected = " ".join([parser.prog, *named, "[options]"])
             raise UsageError(
                 f"{extra[0]!r} is one argument too many; expected {expected}",
                 found=extra[0],
@@ -424,11 +425,6 @@ def _subparsers_of(parser: argparse.ArgumentParser) -> dict[str, argparse.Argume
     }
 
 
-def _command_of(parser: argparse.ArgumentParser) -> str:
-    """Words that select `parser`, such as ``fembridge plot raster``."""
-    return parser.prog.replace(" [options]", "")
-
-
 def _unknown_option(
     name: str, parser: argparse.ArgumentParser, root: argparse.ArgumentParser
 ) -> UsageError:
@@ -448,13 +444,13 @@ def _unknown_option(
     options = [option_name(action) for action in parser._actions if action.option_strings]
     own = [option for option in dict.fromkeys(options) if option not in _EVERYWHERE]
     expected = ", ".join(own)
-    problem = f"is no option of {_command_of(parser)}"
+    problem = f"is no option of {parser.prog}"
     if owners:
         more = f" and {len(owners) - _MOST_OWNERS} more" if len(owners) > _MOST_OWNERS else ""
         problem += f", but of {', '.join(owners[:_MOST_OWNERS])}{more}"
     if own and len(own) <= _MOST_LISTED:
         problem += f"; expected {expected}"
-    problem += f"; see {_command_of(parser)} --help"
+    problem += f"; see {parser.prog} --help"
     problem += near_hint(f"--{name.lstrip('-')}", options)
     return UsageError(problem, argument=name, found=name, expected=expected)
 
@@ -515,7 +511,7 @@ def _parser_without_verbs() -> "tuple[_Parser, argparse._SubParsersAction[_Parse
         usage="%(prog)s [--version] VERB ...",
         description="From a probe on a fingertip to the spikes of its afferents.\n\n"
         + _verbs_text(),
-        epilog="example: fembridge stimuli\nfembridge VERB --help describes a verb",
+        epilog="example: fembridge stimuli\n\nfembridge VERB --help describes a verb",
         formatter_class=_HelpFormatter,
         allow_abbrev=False,
     )
@@ -570,18 +566,24 @@ def _verbs_text() -> str:
 
 
 class _HelpFormatter(argparse.RawDescriptionHelpFormatter):
-    """A help page up to 100 characters wide with a usage of one line."""
+    """A help page as wide as the terminal, up to 100 characters, with a short usage."""
 
     def __init__(self, prog: str) -> None:
-        columns = shutil.get_terminal_size((100, 24)).columns
-        super().__init__(prog, max_help_position=28, width=min(columns, 100) - 2)
+        super().__init__(prog, max_help_position=28, width=text_width())
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return wrapped(text, width)
 
     def _format_usage(self, usage: str | None, actions: Any, groups: Any, prefix: Any) -> str:  # noqa: ANN401
         if usage is None:
             required = [action for action in actions if action.required and action.option_strings]
             positional = [action for action in actions if not action.option_strings]
             usage = super()._format_usage(None, [*required, *positional], [], "").strip()
-            usage = f"{usage} [options]"
+            words = f"{usage} [options]".split(" ")
+            usage, room = words[0], self._width - len("usage: ")
+            for word in words[1:]:
+                is_full = len(usage.rpartition("\n")[2]) + len(word) >= room
+                usage += f"\n{' ' * len('usage: ')}{word}" if is_full else f" {word}"
         return super()._format_usage(usage, actions, groups, prefix)
 
 
@@ -604,7 +606,7 @@ class _HelpOutputs(argparse.Action):
         parser.exit()
 
 
-_FILE = re.compile(r"^\*\*`(.*)`\*\*: (.*)$", re.MULTILINE)
+_FILE = re.compile(r"^\*\*`(.*)`\*\*: (.*(?:\n\S.*)*)$", re.MULTILINE)
 _COLUMN = re.compile(r"^\| `(.*?)` \| (.*?) ?\| (.*) \|$", re.MULTILINE)
 
 
@@ -616,23 +618,21 @@ def outputs_of(verb: str) -> dict[str, tuple[str, list[tuple[str, str, str]]]]:
     section = page.partition(f"\n## {verb}\n")[2].partition("\n## ")[0]
     pieces = iter(_FILE.split(section)[1:])
     return {
-        file: (description, _COLUMN.findall(table))
+        file: (" ".join(description.split()), _COLUMN.findall(table))
         for file, description, table in zip(pieces, pieces, pieces, strict=True)
     }
 
 
 def _outputs_text(verb: str) -> str:
     """The outputs of `verb` for ``--help-outputs``; "" for a verb without files."""
-    import textwrap
-
-    outputs = outputs_of(verb)
     lines = []
-    for file, (description, columns) in outputs.items():
+    for file, (description, columns) in outputs_of(verb).items():
         lines.append(f"{file}: {description}")
         for name, unit, meaning in columns:
             text = f"{name}{f' ({unit})' if unit else ''}: {meaning}".replace("`", "")
-            lines += textwrap.wrap(text, 88, initial_indent=" " * 2, subsequent_indent=" " * 4)
-    return "\n".join(lines)
+            lines.append(f"  {text}")
+    # A file and each of its columns is a paragraph of its own.
+    return "\n".join(wrapped(line, text_width()) for line in lines)
 
 
 def _print_json(table: Mapping[str, object]) -> None:

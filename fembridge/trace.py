@@ -187,8 +187,8 @@ def resample(
 
     PCHIP through the samples: cubic between two of them, and never beyond them. The grid
     begins at the first sample and ends at the last or less than a step before it, so
-    nothing is extrapolated. `log` gets the time left out at the end and the gaps that
-    are longer than a step.
+    nothing is extrapolated. `log` gets a line: step, range, and the gaps that are longer
+    than a step.
 
     Parameters
     ----------
@@ -223,14 +223,17 @@ def resample(
     steps = int(span_ms / dt_ms + STEP_TOLERANCE)
     even_ms = np.minimum(first_ms + np.arange(steps + 1) * dt_ms, last_ms)
     if log is not None:
+        end_text = f"{even_ms[-1]:g} ms"
         if last_ms - even_ms[-1] > STEP_TOLERANCE * dt_ms:
-            log(f"resampled {first_ms:g} to {even_ms[-1]:g} ms: no whole step up to {last_ms:g} ms")
+            end_text += f" (of {last_ms:g})"
+        line = f"resampled every {dt_ms:g} ms from {first_ms:g} to {end_text}"
         widest = int(gaps_ms.argmax())
         if (count := int((gaps_ms > dt_ms * (1 + STEP_TOLERANCE)).sum())) > 0:
-            log(
-                f"interpolated in {count} of {gaps_ms.size} intervals, longer than {dt_ms:g} ms: "
-                f"the widest, {gaps_ms[widest]:g} ms, begins at {times_ms[widest]:g} ms"
+            line += (
+                f", through {count} of {gaps_ms.size} intervals that are longer, up to "
+                f"{gaps_ms[widest]:g} ms at {times_ms[widest]:g} ms"
             )
+        log(line)
     from scipy.interpolate import PchipInterpolator  # slow to import
 
     # A value depends on two samples on each side of it: of a fine history most are not needed.

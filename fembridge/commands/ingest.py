@@ -125,7 +125,7 @@ _OPTIONS: dict[str, Sequence[tuple[str, str, dict[str, Any]]]] = {
         ("--derived", "what --vtu computes beside them: von_mises (the default), principal, "
          "max_shear, mean_stress, strain_energy_density", {"metavar": "NAME", **_MANY}),
     ),
-    "any other result: a CSV or NPZ, or a VTU, PVD or XDMF with point data": (
+    "any other result: CSV, NPZ, or VTU, PVD, XDMF": (
         ("--columns", "which column or array is what: time (in s) or time_ms, value (von Mises, or "
          "an array of tensors) or xx, yy, zz, xy, yz, zx, node, afferent",
          {"type": parse_column, "metavar": "time=NAME,value=NAME", **_MANY}),

@@ -259,8 +259,8 @@ _SHARED: Mapping[str, Description] = {
     ),
     "pad": (
         "NAME|FILE.npz",
-        "reference; fingertip or fingertip_macaque (round); for touch also plane (the ridged "
-        "section, endless along z); or a file",
+        "reference; macaque; fingertip or fingertip_macaque (round); for touch also plane (the "
+        "ridged section, endless along z); or a file",
     ),
     "endings_mm": (
         "MM",
@@ -370,8 +370,8 @@ def add_pad_probe_options(
     stress.add_argument(
         "--pad",
         metavar="NAME|FILE.npz",
-        help="a probe on a pad instead: reference; fingertip or fingertip_macaque (round); or a "
-        "file of `fembridge pad`",
+        help="a probe on a pad instead: reference; macaque; fingertip or fingertip_macaque "
+        "(round); or a file of `fembridge pad`",
     )
     group = parser.add_argument_group("probe on a pad")
     add_from(

@@ -205,7 +205,7 @@ def spelled_out(arguments: Sequence[str]) -> list[str]:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the verb understands: a picture, then its own options."""
     pictures = parser.add_subparsers(
-        dest="picture", metavar="PICTURE", required=True, title="pictures"
+        dest="picture", metavar="PICTURE", required=True, title="pictures", prog=parser.prog
     )
     for name, (shows, example, options) in _PICTURES.items():
         picture = pictures.add_parser(
@@ -213,7 +213,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             help=shows,
             description=f"{shows[0].upper()}{shows[1:]}.",
             epilog=f"example: fembridge plot {example}",
-            formatter_class=argparse.RawDescriptionHelpFormatter,
+            formatter_class=parser.formatter_class,
             allow_abbrev=False,
         )
         picture.add_argument(
@@ -239,7 +239,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=_ALL_SHOWS,
         description=f"{_ALL_SHOWS[0].upper()}{_ALL_SHOWS[1:]}.",
         epilog="example: fembridge plot out",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=parser.formatter_class,
         allow_abbrev=False,
     )
     folder.add_argument("folder", type=Path, metavar="DIR", help="folder of any verb")

@@ -9,6 +9,7 @@ printed passes through `PlainStream`, which shows them as ``\x1b``.
 
 import logging
 import re
+import shutil
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -27,6 +28,9 @@ MOST_LINES = 30
 
 LONGEST_ERROR = 10_000
 """Characters of an error that are printed."""
+
+WIDEST_TEXT = 100
+"""Columns of a help page, at most."""
 
 PATIENCE_S = 2.0
 # Of a batch system's log: how long nothing is written about a run.
@@ -54,6 +58,72 @@ def error_line(problem: object) -> str:
         return line
     half = LONGEST_ERROR // 2
     return f"{line[:half]} ... {omitted_count} characters left out ... {line[-half:]}"
+
+
+def text_width() -> int:
+    """Columns for running text: those of the terminal, or COLUMNS, at most 100, less two."""
+    return max(20, min(shutil.get_terminal_size((100, 24)).columns, WIDEST_TEXT) - 2)
+
+
+def wrapped(text: str, width: int) -> str:
+    """`text` in lines of at most `width` characters.
+
+    Paragraphs are filled anew. An indented line begins an item of a list, deeper lines continue
+    it; a command, indented or after ``example:``, continues in lines that end in a backslash.
+    """
+    import textwrap
+
+    lines: list[str] = []
+    for paragraph in text.split("\n\n"):
+        items: list[str] = []
+        for line in paragraph.split("\n"):
+            indent, command = re.match(r"( *)((?:example: |(?<= ))fembridge )?", line).groups()  # type: ignore[union-attr]
+            before = items[-1] if items else ""
+            depth = len(before) - len(before.lstrip())
+            continues = len(indent) > depth if depth else not indent
+            is_open = before and not before.endswith("\n") and not command
+            if is_open and continues and (depth or not before.startswith(" ")):
+                items[-1] += f" {line.strip()}"
+            else:
+                items.append(f"{line}\n" if command else line)
+        for item in items:
+            if item.endswith("\n"):
+                lines += _wrapped_command(item[:-1], width)
+                continue
+            indent = re.match(r" *", item)[0]  # type: ignore[index]
+            head = re.match(r" +\S+(?: \S+)*  +", item)
+            hanging = head.end() if head else len(f"{indent}  ") if indent else 0
+            hanging = min(hanging, width // 2)
+            lines += textwrap.wrap(
+                item,
+                width,
+                subsequent_indent=" " * hanging,
+                break_long_words=False,
+                break_on_hyphens=False,
+            ) or [""]
+        lines.append("")
+    return "\n".join(lines[:-1])
+
+
+def _wrapped_command(line: str, width: int) -> list[str]:
+    """A command in lines of at most `width` characters, that a shell reads as one.
+
+    An option stays in one line with its first value.
+    """
+    words = re.findall(r"""(?:[^\s'"]|'[^']*'|"[^"]*")+""", line)
+    parts: list[str] = []
+    for before, word in zip(["", *words], words, strict=False):
+        is_value = before.startswith("-") and not word.startswith("-")
+        parts[len(parts) - is_value :] = [f"{before} {word}" if is_value else word]
+    indent = " " * (len(line) - len(line.lstrip()))
+    lines = [indent + parts[0]]
+    for rest, part in zip(range(len(parts) - 2, -1, -1), parts[1:], strict=True):
+        if len(lines[-1]) + 1 + len(part) + (2 if rest else 0) > width:
+            lines[-1] += " \\"
+            lines.append(f"{indent}    {part}")
+        else:
+            lines[-1] += f" {part}"
+    return lines
 
 
 def log(line: object) -> None:

@@ -117,6 +117,9 @@ def read_traces(
             _LOGGER.info(f"{path}: {line}")
         logged.add(line)
 
+    def say_uneven(line: str) -> None:
+        say(f"samples at uneven times are {line}")
+
     assumed: list[str] = []
     factors: dict[str | int, float] = {"time": ms_per(time, in_ms, assumed.append)}
     factors |= {number: to_pa(value, gain_pa) for number, value in enumerate(values)}
@@ -144,7 +147,7 @@ def read_traces(
         step_ms = resample_ms
         if odd is not None and is_sensor and step_ms is None:
             step_ms = resampled_step_ms(middle_step(np.diff(times_ms)))
-            say(f"samples at uneven times: resampled to every {step_ms:g} ms")
+        note = say if odd is None else say_uneven
         if odd is not None and step_ms is None:
             before_ms, after_ms = times_ms[odd : odd + 2]
             raise error(
@@ -166,7 +169,7 @@ def read_traces(
                     length = _length_at(times_ms, step_ms)
                     resampled += length
                     check_growth(len(samples), resampled, length)
-                    _, stress_pa = resample(times_ms, stress_pa, step_ms, say)
+                    _, stress_pa = resample(times_ms, stress_pa, step_ms, note)
                 except TraceError as problem:
                     raise error(first, f"{who}: {problem}") from problem
             traces.append(
@@ -184,7 +187,7 @@ def read_traces(
         longest_ms = min(trace.dt_ms for trace in traces)
         if longest_ms > _LONG_STEP_MS:
             warn(f"a sample every {longest_ms:g} ms: {line}", path)
-        else:
+        elif not is_sensor:  # reported with the columns
             say(line)
     if doubt := _doubt_of_ends(traces):
         warn(doubt, path)

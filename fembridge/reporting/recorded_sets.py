@@ -104,7 +104,7 @@ RECORDED_SETS = (
                 fills=_table("ramps_sa")),
     RecordedSet("ramps_ra", "Ramps, impulses", VALIDATION, "impulses", "Knibestöl 1973", ("RA",),
                 fills=_table("ramps_ra")),
-    RecordedSet("textures", "Scanned textures", VALIDATION, "ips", "Weber et al. 2013",
+    RecordedSet("textures", "Scanned textures, macaques", VALIDATION, "ips", "Weber et al. 2013",
                 fills=_table("textures")),
     RecordedSet("bars", "Bars and gaps", NEITHER, "ips", "user", ("SA",), fills=_table("bars")),
 )  # fmt: skip

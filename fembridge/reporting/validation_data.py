@@ -16,6 +16,7 @@ from fembridge.errors import MissingError, UsageError, warn
 from fembridge.evidence import Facts, touchsim_rates
 from fembridge.fitting.response_source import stored_source
 from fembridge.host.machine import SOLVER_INSTALL_LINE, find_ccx
+from fembridge.host.progress import advance
 from fembridge.host.store import sha256_of, temporary_folder
 from fembridge.io.observed_rates import ObservedRates
 from fembridge.io.spike_table import Rate, SpikeTrain
@@ -143,6 +144,9 @@ class ValidationData:
         return f"Pad “{mechanics['pad']}” of “{self.finger}”, {skin}, {mechanics['probe']}{means}"
 
 
+_TASK = "comparisons"
+
+
 def compute_validation(
     response: ResponseMap,
     models: Sequence[JudgedModel],
@@ -182,7 +186,10 @@ def compute_validation(
     left_out = _left_out(observed)
     judged = models[0]
     check_mechanics(judged, model_id(response.origin), {judged.preindent_um})
-    simulations = {model.name: _simulated(model, response) for model in models}
+    simulations = {}
+    for model in models:
+        simulations[model.name] = _simulated(model, response)
+        advance(_TASK, 0.1)
     fingertip = None
     if "mechanics" not in response.origin:
         pad, fitted = PadProbe().response, _model(FINGERTIP_SET)
@@ -190,6 +197,7 @@ def compute_validation(
         whole = replace(fitted, name=FINGERTIP, source=source)
         fingertip = ModelOnResponse(pad, whole)
         simulations[FINGERTIP] = _simulated(whole, pad)
+        advance(_TASK, 0.2)
         models = (*models, whole)
     sources: dict[str, Sequence[Rate]] = {OBSERVED: observed.rates()} if observed else {}
     sources |= {name: simulation.mean_rates for name, simulation in simulations.items()}
@@ -197,6 +205,7 @@ def compute_validation(
     rates = RateTable(sources)
     deflections = stored_deflections()
     evidence = gather(ModelOnResponse(response, judged), fingertip, facts, trains, skin)
+    advance(_TASK, 0.4)
     points = _points(
         observed,
         simulations,
@@ -206,6 +215,7 @@ def compute_validation(
         tables or {},
         skin,
     )
+    advance(_TASK, 1.0)
     return ValidationData(
         response=response,
         models=tuple(models),
@@ -299,7 +309,8 @@ def _points(
     touched = (fingertip or judged).model
     pad = skin or resolve_pad("reference")
     smooth = pad.smooth_pad if isinstance(pad, RidgedPad) else pad
-    textured = skin or with_ridges(pad, None)
+    # The recorded textures were scanned over fingers of macaques.
+    textured = skin or with_ridges(resolve_pad("macaque"), None)
     tips = (Fingertip(smooth, touched), Fingertip(textured, touched))
     on = FINGERTIP if fingertip else JUDGED
     return recorded_points(observed_rates, rates, evidence, tables, *tips, touches_of=on)

@@ -17,6 +17,7 @@ from contextlib import AbstractContextManager, suppress
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import IO
+from weakref import finalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,43 +168,63 @@ def suffix_of(path: Path) -> str:
 
 
 class _Unpacked:
-    """Content of a gzip file in a temporary `file`, removed with the last reference.
+    """Content of a gzip file in a temporary file, removed with the last reference.
 
-    On Linux the file has no name, so that a killed process leaves nothing.
+    On Linux the file has no name, so that a killed process leaves nothing. Elsewhere it is closed
+    before it is read: Windows opens no temporary file a second time.
     """
 
-    def __init__(self, file: IO[bytes]) -> None:
-        self.file = file
-        named = isinstance(file.name, str)
-        self.path = Path(file.name) if named else _OPEN_FILES / str(file.fileno())
+    def __init__(self, suffix: str) -> None:
+        from tempfile import NamedTemporaryFile, TemporaryFile
+
+        self._has_name = not _OPEN_FILES.is_dir()
+        self._file: IO[bytes]
+        if self._has_name:
+            self._file = NamedTemporaryFile(suffix=suffix, delete=False)  # noqa: SIM115 - closed later
+            self.path = Path(self._file.name)
+            finalize(self, _remove, self._file, self.path)
+        else:
+            self._file = TemporaryFile(suffix=suffix)  # noqa: SIM115 - closed later
+            self.path = _OPEN_FILES / str(self._file.fileno())
+            finalize(self, _close, self._file)
 
     def add(self, block: bytes, path: Path) -> None:
         """Append unpacked content of `path`."""
         try:
-            self.file.write(block)
-            self.file.flush()
+            self._file.write(block)
+            self._file.flush()
         except OSError as error:
             from tempfile import gettempdir
 
             folder = f"{gettempdir()}: {error.strerror}; TMPDIR names another folder"
             raise ResultError(f"cannot be unpacked into {folder}", path) from error
 
-    def __del__(self) -> None:
-        with suppress(OSError):  # unwritten bytes on a full disk
-            self.file.close()
+    def finish(self) -> None:
+        """All content is added: another handle may read it."""
+        if self._has_name:
+            self._file.close()
+
+
+def _close(file: IO[bytes]) -> None:
+    with suppress(OSError):  # unwritten bytes on a full disk
+        file.close()
+
+
+def _remove(file: IO[bytes], path: Path) -> None:
+    _close(file)
+    with suppress(OSError):  # Windows removes no file that is open
+        path.unlink()
 
 
 @lru_cache(maxsize=1)
 def _unpacked(path: Path, size: int, written_ns: int) -> _Unpacked:
     """Content of a gzip file of `size` bytes."""
     import gzip
-    from tempfile import NamedTemporaryFile, TemporaryFile
 
     small_bytes = SMALL_BYTES // (8 if suffix_of(path) in _READ_BY_LINES else 1)
     done = 0
-    make = TemporaryFile if _OPEN_FILES.is_dir() else NamedTemporaryFile
     try:
-        unpacked = _Unpacked(make(suffix=suffix_of(path)))
+        unpacked = _Unpacked(suffix_of(path))
         with path.open("rb") as raw, gzip.GzipFile(fileobj=raw) as packed:
             while block := packed.read(CHUNK_BYTES):
                 done += len(block)
@@ -212,6 +233,7 @@ def _unpacked(path: Path, size: int, written_ns: int) -> _Unpacked:
                     message = f"unpacks to more than {MAX_RATIO} times its {size} bytes"
                     raise ResultError(f"{message}: no results", path)
                 unpacked.add(block, path)
+        unpacked.finish()
     except (OSError, EOFError, zlib.error) as error:
         raise ResultError(f"cannot be unpacked: {error}", path) from error
     return unpacked
@@ -254,7 +276,7 @@ def text_runs(path: Path) -> Iterator[tuple[int, str | Characters, bool]]:
                 if len(text) - position > MAX_LINE_BYTES:
                     raise ResultError(
                         f"a line of more than {MAX_LINE_BYTES} bytes, beginning with "
-                        f"{text[position : position + 12]!r}: not a text file of a solver",
+                        f"{in_words(text[position : position + 12])}: not a text file of a solver",
                         path,
                         number,
                     )
@@ -287,6 +309,22 @@ def text_runs(path: Path) -> Iterator[tuple[int, str | Characters, bool]]:
                 )
                 if plain_count < count:
                     break
+
+
+def in_words(content: bytes) -> str:
+    """`content` of a file for a message: quoted text, or how many bytes are no text."""
+    if not content:
+        return "the end of the file"
+    if not content.strip(b"\0"):
+        return f"{len(content)} zero bytes"
+    text = content.strip(b"\r\n")
+    if not text.strip():
+        return "a blank line"
+    shown = "".join(chr(byte) if 32 <= byte < 127 else "\N{MIDDLE DOT}" for byte in text)
+    strange = shown.count("\N{MIDDLE DOT}")
+    if 2 * strange > len(text):
+        return f"{len(content)} bytes that are no text"
+    return f"{shown!r}, {strange} of it no text" if strange else repr(shown)
 
 
 def fixed_integers(characters: Characters) -> tuple[IntArray, BoolArray]:

@@ -43,6 +43,7 @@ from fembridge.results.byte_file import (
     Characters,
     fixed_floats,
     fixed_integers,
+    in_words,
 )
 from fembridge.results.fields import (
     VERTEX,
@@ -399,7 +400,7 @@ class FrdIndex:
         if start.startswith(_END_LINE):
             self.ended = True
             if rest := start[len(_END_LINE) :].strip():
-                raise ValueError(f"bytes after the end line: {rest[:12]!r}")
+                raise ValueError(f"{in_words(rest[:12])} after the end line")
             return file.size
         line, after = self._line(at)
         if not line:  # some builds write one after the materials
@@ -409,7 +410,7 @@ class FrdIndex:
         if line.startswith((b"    2C", b"    3C")):
             return self._mesh(line, after)
         if not line.startswith(b"    1"):
-            raise ValueError(f"{line[:24]!r}, expected a block")
+            raise ValueError(f"{in_words(line[:24])}, expected a block")
         if line.startswith(_STEP):
             self._key = self._mode = None
             if iterations := _STEP_OF_ITERATIONS.match(line, 24):
@@ -505,7 +506,7 @@ class FrdIndex:
         step, increment = self._key
         text, analysis_text = line[12:24].strip(), line[56:58].strip()
         if not _TIME.fullmatch(text):
-            raise ValueError(f"time {line[12:24]!r}")
+            raise ValueError(f"{in_words(line[12:24])}, expected a time")
         seconds_to_ms(float(text))
         [flag] = _parse_counts(line, (73, 75))
         [analysis] = _parse_counts(line, (56, 58)) if analysis_text else [_STATIC]
@@ -536,8 +537,8 @@ class FrdIndex:
             raise self._cut(block, records)
         elif not self._boundary(end):
             raise FrdDamageError(
-                f"{block} is followed by {self.file.peek(end, 12)!r} at byte {end}: its count "
-                f"{records} is wrong, or bytes are missing",
+                f"{block} is followed by {in_words(self.file.peek(end, 12))} at byte {end}: its "
+                f"count {records} is wrong, or bytes are missing",
                 end,
                 block,
             )
@@ -552,14 +553,16 @@ class FrdIndex:
             return cached
         name, [announced] = first[5:13].decode("ascii").strip(), _parse_counts(first, (13, 18))
         if not first.startswith(b" -4") or not name:
-            raise ValueError(f"{first[:40]!r}, expected a name")
+            raise ValueError(f"{in_words(first[:40])}, expected a name")
         if announced > _MAX_COMPONENTS:
             raise ValueError(f"{name} announces {announced} components")
         components: list[str] = []
         for _ in range(announced):
             start, (line, at) = at, self._line(at, f"{name} lines are ")
             if not line.startswith(b" -5"):
-                raise ValueError(f"{line[:40]!r}, expected {announced} components of {name}")
+                raise ValueError(
+                    f"{in_words(line[:40])}, expected {announced} components of {name}"
+                )
             if line[33:38].strip() != b"1":
                 components.append(line[5:13].decode("ascii").strip())
         if not components:
@@ -670,7 +673,7 @@ def record_ids(
         block_index, number = divmod(row, len(characters) // len(blocks))
         raise ResultError(
             f"{blocks[block_index]}: record {first + number + 1} of {blocks[block_index].records} "
-            f"begins with {characters[row, : _MARK + 10].tobytes()!r}, or has another length",
+            f"begins with {in_words(bytes(characters[row, : _MARK + 10]))}, or has another length",
             path,
         )
     return ids
@@ -715,7 +718,7 @@ def irregular_records(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatA
         if not text:
             raise ResultError(f"{block}: no line at byte {offset}", file.path)
         offset += len(text)
-        for line in text.splitlines():
+        for number, line in enumerate(text.splitlines()):
             mark, prefix, rest = line[:_MARK], line[_MARK:head].strip(), line[head:]
             if mark == b" -1" and prefix.isdigit():
                 if nodes:
@@ -726,7 +729,10 @@ def irregular_records(file: ByteFile, block: FrdBlock) -> tuple[IntArray, FloatA
             fields = _LONG_FIELD.findall(rest)
             is_whole = is_whole and _LONG_FIELDS.fullmatch(rest) is not None
             if not is_whole or any(map(_SHORT_FIELD.fullmatch, fields)):
-                message = f"record {len(nodes)} of {block.records} has {line[:24]!r}"
+                before = text.splitlines(keepends=True)[:number]
+                at = offset - len(text) + sum(map(len, before))
+                message = f"record {len(nodes)} of {block.records}, at byte {at}, is "
+                message += f"{in_words(line[:24])}, expected {width} numbers of a node"
                 raise ResultError(f"{block}: {message}", file.path)
             values.extend(map(_parse_number, fields))
             exponents.update(map(bool, _EXPONENT.findall(rest)))
@@ -791,7 +797,7 @@ def element_rows(
         if not node_fields or any(node in text for node in node_fields):
             lines = text.split(b"\n")[: -2 if offset == elements.end else -1]  # without -3
             if lines:
-                yield from _elements_of_lines(lines, width, file.path)
+                yield from _elements_of_lines(lines, width, file.path, offset - len(text))
 
 
 def packed_elements(file: ByteFile, offset: int, records: int) -> Iterator[tuple[ElementRows, int]]:
@@ -826,8 +832,10 @@ def packed_elements(file: ByteFile, offset: int, records: int) -> Iterator[tuple
             look_ahead *= 4
 
 
-def _elements_of_lines(lines: list[bytes], width: int, path: Path) -> Iterator[ElementRows]:
-    """Text elements: a line `` -1`` with id, type, group, material; lines `` -2`` with nodes."""
+def _elements_of_lines(
+    lines: list[bytes], width: int, path: Path, offset: int
+) -> Iterator[ElementRows]:
+    """Text elements from `offset`: `` -1`` with id, type, group, material; `` -2`` with nodes."""
     longest = max(map(len, lines))
     if longest > _LONGEST_ELEMENT_LINE:
         raise ResultError(f"element block: a line of {longest} bytes", path)
@@ -850,8 +858,14 @@ def _elements_of_lines(lines: list[bytes], width: int, path: Path) -> Iterator[E
     counts = np.bincount(element[element >= 0], minlength=kind.size)
     checks = (heads[:1], heads | tails, ids_ok, kinds_ok, nodes_ok, counts > 0)
     if not all(check.all() for check in checks):
-        odd = int(np.argmin(heads | tails))
-        raise ResultError(f"element block: {lines[odd][:80]!r}, expected an element", path)
+        is_odd = ~(heads | tails)
+        is_odd[np.flatnonzero(heads)[~(ids_ok & kinds_ok & (counts > 0))]] = True
+        is_odd[np.repeat(np.flatnonzero(tails), 10)[filled][~nodes_ok]] = True
+        is_odd[0] |= not heads[0]
+        odd = int(np.argmax(is_odd))
+        at = offset + sum(len(line) + 1 for line in lines[:odd])
+        found = f"{in_words(lines[odd][:80])} at byte {at}"
+        raise ResultError(f"element block: {found}, expected an element", path)
     for kind_and_count in dict.fromkeys(zip(kind.tolist(), counts.tolist(), strict=True)):
         rows = (kind == kind_and_count[0]) & (counts == kind_and_count[1])
         corners = nodes[rows[element]].reshape(-1, kind_and_count[1])
@@ -957,8 +971,9 @@ def _parse_counts(line: bytes, *places: tuple[int, int]) -> list[int]:
     """Counts at `places` of a header; Python's other forms, such as ``1_0``, raise ValueError."""
     for start, end in places:
         if not line[start:end].strip().isdigit():
-            field = line[start:end].decode("latin-1")
-            raise ValueError(f"{field!r}, expected a count in {line[:12].strip()!r}")
+            raise ValueError(
+                f"{in_words(line[start:end])}, expected a count in {in_words(line[:6])}"
+            )
     return [int(line[start:end]) for start, end in places]
 
 
@@ -971,7 +986,7 @@ def _parse_number(field: bytes) -> float:
     infinite = re.fullmatch(rb" *([+-]?)(inf|infinity|1\.#inf.*) *", field, re.IGNORECASE)
     if infinite:
         return float(infinite[1] + b"inf")
-    raise ValueError(f"{field.decode('latin-1')!r}, expected a number")
+    raise ValueError(f"{in_words(field)}, expected a number")
 
 
 Outputs = Sequence[dict[str, FrdBlock]]

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fembridge.errors import ResultError, UsageError
-from fembridge.results.byte_file import ByteFile, suffix_of
+from fembridge.results.byte_file import ByteFile, in_words, suffix_of
 from fembridge.results.history import STRESS
 from fembridge.results.read_options import ReadOptions
 from fembridge.typing import FloatArray
@@ -164,10 +164,12 @@ def _foreign_problem(path: Path, start: bytes) -> str:
         reader.suffix: reader.first_bytes for reader in marked if not reader.needs_columns
     }
     expected = "; ".join(
-        f"{suffix} begins with {(first if isinstance(first, bytes) else first[0])!r}"
+        f"{suffix} begins with {in_words(first)}"
+        if isinstance(first, bytes)
+        else f"{suffix} is binary"
         for suffix, first in first_bytes.items()
     )
-    return f"unknown result format: begins with {start[:12]!r}{kind}; expected: {expected}"
+    return f"unknown result format: begins with {in_words(start[:12])}{kind}; expected: {expected}"
 
 
 def _plugin_readers(path: Path) -> Iterator[Reader]:

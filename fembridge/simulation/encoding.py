@@ -26,6 +26,7 @@ from fembridge.host.store import (
     unstructure,
     write_toml,
 )
+from fembridge.io.column_units import ms_per
 from fembridge.io.npz import NpzFile
 from fembridge.io.run_folder import RUN_FILE, RunFolder
 from fembridge.io.sensor_table import SensorTable, deaf_above, sensor_table
@@ -508,9 +509,14 @@ def _load_traces(
             sensor = sensor_table(table, columns, has_gain=factor is not None)
         if sensor is not None and columns is None:
             name = table if isinstance(table, Path) else "the table"
-            time = next(iter(sensor.columns.values()))
+            [(key, time), *_] = sensor.columns.items()
+            assumed: list[str] = []
+            ms_per(str(time), key == "time_ms", assumed.append)
+            unit = f" (taken as s; time_ms={time} takes it as ms)" if assumed else ""
             values = ", ".join(sensor.value_names)
-            _LOGGER.info(f"{name}: time in {time}, values in {values}; --columns names others")
+            _LOGGER.info(
+                f"{name}: time in {time}{unit}, values in {values}; --columns names others"
+            )
         chosen = columns if sensor is None else sensor.columns
         options: dict[str, Any] = {"columns": chosen, "resample_ms": resample_ms}
         options |= {"gain_pa": factor}

@@ -36,6 +36,7 @@ from fembridge.host.executor import (
     finished,
 )
 from fembridge.host.process import signals_as_exits
+from fembridge.host.progress import advance
 from fembridge.host.store import digest, folder_lock, make_folder, sha256_of
 from fembridge.host.terminal import Bars
 from fembridge.ranges import check_range
@@ -1043,7 +1044,8 @@ def verify_touches(
         def submit(batch: Batch) -> "Future[list[Outcome]]":
             return pool.submit(run_batch, batch)
 
-        for _, future in finished(submit, batches, jobs):
+        for number, (_, future) in enumerate(finished(submit, batches, jobs), start=1):
+            advance("touches run again", number / len(rows))
             for outcome in future.result():
                 touch = outcome.touch
                 if problem := _difference(result, touches.loc[touch], examples[touch], outcome):

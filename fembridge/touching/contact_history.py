@@ -3,6 +3,7 @@
 Where a shape only goes in and out, the forces are a function of its depth or force: contact is
 solved at some levels and read between them, as in a response map. Where it slides, pins move on
 their own, or the skin relaxes (`fembridge.touching.relaxation`), contact is solved step by step.
+A shape that begins to slide, turns or stops sticks at first (`fembridge.touching.friction`).
 
 On the nodes of a pad a slide is resolved to one node of the skin: forces, in proportion to the
 level, are averaged over the time in which the shape moves by one node. Otherwise each node that
@@ -39,6 +40,7 @@ from fembridge.touching.contact_warnings import (
     texture_end_ms,
     texture_warning,
 )
+from fembridge.touching.friction import friction_shares, slid_before
 from fembridge.touching.grid_contact import GridContactSolver
 from fembridge.touching.kept_states import kept, shape_key
 from fembridge.touching.large_strain import (
@@ -391,8 +393,13 @@ def _slide(
     step_mm = np.stack([np.gradient(trajectory.x_mm), np.gradient(trajectory.z_mm)], -1)
     speed = np.hypot(*step_mm.T)
     fastest = max(float(speed.max()), 1e-9)
-    drag = friction * step_mm / np.maximum(speed, 1e-12)[:, None]
-    is_straight = np.abs(drag - drag[0]).max() < 1e-6
+    direction = step_mm / np.maximum(speed, 1e-12)[:, None]
+    is_steady = (
+        np.abs(direction - direction[0]).max() < 1e-6
+        and slid_before(trajectory.x_mm, trajectory.z_mm)
+        and float(trajectory.level.min()) > 0
+    )
+    steady_drag = (friction * float(direction[0, 0]), friction * float(direction[0, 1]))
     fine_mm = pad.spacing_mm / pad.steps_per_node
     stride = (
         1
@@ -435,7 +442,7 @@ def _slide(
             reached,
             level,
             by_force=trajectory.by_force,
-            drag=(float(drag[0, 0]), float(drag[0, 1])) if is_straight else (0.0, 0.0),
+            drag=steady_drag if is_steady else (0.0, 0.0),
             **memory,
         )
     except UsageError as error:  # a map that slides away sinks in with what is left of it
@@ -455,6 +462,14 @@ def _slide(
         total_n += mean_n.sum(axis=1)
         block[:] = mean_n
     depth_um = _moving_mean(steps.depth_um, window) if trajectory.by_force else level
+    drag = None
+    if friction and is_steady:
+        drag = np.broadcast_to(steady_drag, (states.size, 2))
+    elif friction:
+        slip_mm = friction * MM_PER_UM * np.interp(samples, states, depth_um)
+        touches = np.interp(samples, states, total_n) > 0
+        shares = friction_shares(trajectory.x_mm, trajectory.z_mm, slip_mm, touches)
+        drag = friction * shares[states]
     return ContactHistory(
         steps.nodes,
         forces,
@@ -462,7 +477,7 @@ def _slide(
         depth_um,
         knots=states.astype(np.float64),
         position=samples.astype(np.float64),
-        drag=drag[states] if friction else None,
+        drag=drag,
     )
 
 

@@ -27,6 +27,7 @@ from decks.unit_loads import (
 )
 from fembridge.errors import ResultError
 from fembridge.host.process import signals_as_exits
+from fembridge.host.progress import advance
 from fembridge.host.store import make_folder, write_text
 from fembridge.io.run_folder import RunFolder
 from fembridge.results import read_fields
@@ -38,6 +39,7 @@ from fembridge.trace import PA_PER_MPA
 from fembridge.typing import FloatArray
 
 _LOGGER = logging.getLogger(__name__)
+_TASK = "unit forces"
 
 
 def solve_pad(
@@ -75,7 +77,11 @@ def solve_pad(
     cases = CASES[:2] if mesh.plane else CASES  # nothing moves along z
     with signals_as_exits(), ThreadPoolExecutor(settings.jobs) as pool:
         try:
-            answers = list(pool.map(solved, cases))
+            advance(_TASK, 0.0)
+            answers = []
+            for answer in pool.map(solved, cases):
+                answers.append(answer)
+                advance(_TASK, len(answers) / len(cases))
         finally:  # after Ctrl-C the pool waits until each solver is stopped
             halt.set()
     even, odd = (_joined(*(answer[0] for answer in answers[parity::2])) for parity in (0, 1))

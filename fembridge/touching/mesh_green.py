@@ -30,6 +30,7 @@ from decks.shape_functions import BEST_POINTS, shape_functions
 from decks.solid_model import SolidModel, read_solid_model
 from fembridge.errors import DeckError, ResponseError, ResultError
 from fembridge.host.process import signals_as_exits
+from fembridge.host.progress import advance
 from fembridge.host.store import MAX_DECK_BYTES, make_folder, read_bytes, replacing
 from fembridge.io.run_folder import SOLVER_FILE, RunFolder
 from fembridge.results import read_fields
@@ -236,14 +237,15 @@ def _full(six: FloatArray) -> FloatArray:
 
 
 class _Progress:
-    """Logs the share of a task that is done, every ten seconds, with an estimate of the rest."""
+    """Reports the share of a task that is done, and logs it every ten seconds with the rest."""
 
     def __init__(self, task: str) -> None:
         self._task, self._begin_s = task, time.monotonic()
         self._last_s = self._begin_s
 
     def __call__(self, share: float) -> None:
-        """Log `share`, if it is time."""
+        """Report `share`, and log it if it is time."""
+        advance(self._task, share)
         now_s = time.monotonic()
         if now_s - self._last_s > _PROGRESS_S and share > _LEAST_SHARE:
             left_s = (now_s - self._begin_s) * (1 - share) / share
@@ -277,6 +279,7 @@ def _solve_forces(
     required[np.unique(output.indices)] = True
     responses = np.empty((3 * count, output.shape[0]), dtype=np.float32)
     progress, reported = _Progress("unit forces"), False
+    advance("unit forces", 0.0)
     digest = hashlib.sha256(np.ascontiguousarray(linear.matrix.data).data)
     for array in (output.indices, output.data, directions, unknown):
         digest.update(np.ascontiguousarray(array).data)
@@ -293,6 +296,7 @@ def _solve_forces(
         if path.is_file():
             responses[rows] = np.load(path)
             solved_before += 1
+            progress((first + nodes.size) / count)
             continue
         begin_s = time.monotonic()
         loads = np.zeros((linear.size, rows.size))
@@ -425,11 +429,13 @@ def _run(folder: Path, text: bytes, settings: Solver) -> tuple[RunFolder, str]:
             draft.write_bytes(text)
         (run.folder / SOLVER_FILE).unlink(missing_ok=True)
     halt = threading.Event()
+    advance(f"{folder.name} by CalculiX", 0.0)
     with signals_as_exits():
         try:
             outcome = solve_once(run, replace(settings, cache=False), halt)
         finally:
             halt.set()
+            advance(f"{folder.name} by CalculiX", 1.0)
     if not outcome.accepted:
         raise outcome.to_error()
     _LOGGER.info(f"{folder.name} by CalculiX in {outcome.wall_s:.0f} s")

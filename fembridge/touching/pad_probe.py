@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from fembridge.errors import UsageError, warn
+from fembridge.host.progress import advance
 from fembridge.io.run_folder import AfferentNode
 from fembridge.ranges import check_range
 from fembridge.response.response_map import ResponseMap
@@ -51,8 +52,8 @@ class PadProbe:
     Parameters
     ----------
     pad
-        ``"reference"``; a round fingertip, ``"fingertip"`` or ``"fingertip_macaque"``; the path of
-        a file, or a `Pad`. Default: ``"reference"``.
+        ``"reference"``; ``"macaque"``, a narrow finger; a round fingertip, ``"fingertip"`` or
+        ``"fingertip_macaque"``; the path of a file, or a `Pad`. Default: ``"reference"``.
     shape
         The probe: a `Shape`, or a specification such as ``"punch:diameter_mm=0.7"`` of the
         shapes of `touch`. Default: ``"punch"``, a flat pin of 1 mm.
@@ -176,6 +177,7 @@ class PadProbe:
             width_mm = narrow_part_mm(skin, probe, nodes, forces_n[-1])
             texts[narrow_warning(skin, shape.name, width_mm) or ""] = None
             texts[end_warning(skin, nodes, forces_n) or ""] = None
+            advance("probe on the pad", (k + 1) / len(positions_mm))
         for text in (*texts, depth_warning(self.deepest_um)):
             if text:
                 warn(text)

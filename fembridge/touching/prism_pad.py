@@ -42,11 +42,14 @@ FORCE_FLIP = {"x": np.array([-1, 1, 1]), "z": np.array([1, 1, -1])}
 
 # Nodes that may touch lie within half of this of the pad's middle, along the finger.
 LATTICE_LENGTH_MM = 24.0
-# A fingertip is round along the finger too, about twice as flat as across (8 x 6.5 mm
-# half axes: 9.8 mm). Its curve counts for what touches; what yields is the prism.
-TIP_RADIUS_MM = 20.0
-# A fingertip reaches so far from its middle, across and along.
+# A fingertip is round along the finger too: its radius is so many half widths, about twice that
+# across (20 mm of 8 x 6.5 mm half axes). Its curve counts for what touches; what yields is the
+# prism.
+_TIP_RADIUS_HALF_WIDTHS = 2.5
+# A fingertip reaches so far from its middle, across and along, if it is so wide: of a narrower one
+# units fill nine tenths of its width, and 1.5 half widths of its length.
 _HALF_WIDTH_MM, _HALF_LENGTH_MM = 7.0, 12.0
+_HALF_LENGTH_HALF_WIDTHS = 1.5
 _ROUNDING_MM = 1e-6
 # Beyond the prism stress fades by e in so many mm, about as it does before.
 _TAIL_MM = 5.0
@@ -298,7 +301,12 @@ class PrismPad(Pad):
             Positions across and along the finger in mm, ``(P,)`` or any shapes that broadcast.
         """
         outline: FloatArray = np.interp(x_mm, self.x_mm, self.y_mm)
-        return outline - np.square(z_mm) / (2 * TIP_RADIUS_MM)
+        return outline - np.square(z_mm) / (2 * self.tip_radius_mm)
+
+    @property
+    def tip_radius_mm(self) -> float:
+        """Radius of the skin along the finger in mm."""
+        return _TIP_RADIUS_HALF_WIDTHS * self.finger.outline.half_width_mm
 
     def height_of_nodes_mm(self, nodes: "LatticeNodes") -> FloatArray:
         """Heights of nodes over the apex in mm, ``(n,)``.
@@ -653,9 +661,11 @@ def finger_extent_mm(finger: Finger) -> tuple[FloatArray, FloatArray, float, flo
 
 def _extent_mm(section: Section) -> tuple[FloatArray, FloatArray, float, float]:
     widest = int(section.point_mm[:, 0].argmax())
-    half_mm = min(_HALF_WIDTH_MM, 0.9 * section.finger.outline.half_width_mm)
+    outline_mm = section.finger.outline.half_width_mm
+    half_mm = min(_HALF_WIDTH_MM, 0.9 * outline_mm)
+    half_length_mm = min(_HALF_LENGTH_MM, _HALF_LENGTH_HALF_WIDTHS * outline_mm)
     arc_mm, x_mm = section.arc_mm[: widest + 1], section.point_mm[: widest + 1, 0]
-    return arc_mm, x_mm, half_mm, _HALF_LENGTH_MM
+    return arc_mm, x_mm, half_mm, half_length_mm
 
 
 def cubic_weights(grid: FloatArray, at: FloatArray) -> tuple[IntArray, FloatArray]:

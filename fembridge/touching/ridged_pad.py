@@ -28,7 +28,7 @@ from fembridge.touching.compliance import Compliance, GridCompliance, interpolat
 from fembridge.touching.fingerprint import NONE, Fingerprint, resolve_fingerprint
 from fembridge.touching.layered_skin import ElasticLayer, surface_kernel
 from fembridge.touching.pad import Pad, SkinNodes
-from fembridge.touching.prism_pad import TIP_RADIUS_MM, LatticeNodes, PrismPad
+from fembridge.touching.prism_pad import LatticeNodes, PrismPad
 from fembridge.typing import FloatArray, SingleArray
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ class RidgedPad(PrismPad):
         arc_mm = np.sign(x_mm) * np.interp(
             np.abs(x_mm), right[:, 0], self.section.arc_mm[: len(right)]
         )
-        height: FloatArray = outline - np.square(z_mm) / (2 * TIP_RADIUS_MM)
+        height: FloatArray = outline - np.square(z_mm) / (2 * self.tip_radius_mm)
         return height - self.fingerprint.below_mm(arc_mm, z_mm)
 
     @cached_property

@@ -89,9 +89,9 @@ def touch(
         such as ``"fingertip:seed=3"``; or a DataFrame or the path of a table
         ``afferent,x_mm,z_mm``. Default: ``"fingertip"``, 888 units.
     pad
-        ``"reference"``; ``"plane"`` (the ridged section, endless along z); a round fingertip,
-        ``"fingertip"`` or ``"fingertip_macaque"``; the path of a file, or a `Pad`. Default:
-        ``"reference"``.
+        ``"reference"``; ``"macaque"`` (a narrow finger); ``"plane"`` (the ridged section, endless
+        along z); a round fingertip, ``"fingertip"`` or ``"fingertip_macaque"``; the path of a
+        file, or a `Pad`. Default: ``"reference"``.
     finger
         Finger whose Prony terms the pad relaxes by: a TOML file or a `Finger`, with the sizes and
         instantaneous moduli of the pad's. Default: None, the finger of the pad.

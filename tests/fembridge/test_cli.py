@@ -3,6 +3,7 @@
 import json
 import os
 import pickle
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -23,6 +24,7 @@ from fembridge.errors import (
     StimulusError,
     UsageError,
 )
+from fembridge.host.terminal import wrapped
 
 ROOT = Path(fembridge.__file__).parents[1]
 
@@ -457,3 +459,37 @@ def test_an_argument_too_many_is_quoted_with_the_usage_of_the_picture(tmp_path, 
     line = capsys.readouterr().err
     assert "'extra'" in line
     assert "fembridge plot raster FILE|DIR [options]" in line
+
+
+@pytest.mark.parametrize("columns", [60, 80, 120])
+def test_help_and_outputs_fit_into_the_terminal(columns, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    pages = [[], ["--help"], ["plot", "mesh", "--help"], ["plot", "stimulus", "--help"]]
+    verbs = ["encode", "ingest", "touch", "calibrate", "completion"]
+    pages += [[verb, page] for verb in verbs for page in ("--help", "--help-outputs")]
+    for words in pages:
+        assert cli.main(words) == 0
+        lines = capsys.readouterr().out.splitlines()
+        assert lines
+        assert [line for line in lines if len(line) > columns] == [], words
+
+
+def test_a_wrapped_command_is_the_same_command_for_a_shell():
+    command = "fembridge touch --shape 'braille:text=a b' --press-n 0.25 -o touch_b"
+    lines = wrapped(f"Text.\n\nexample: {command}", 40).splitlines()
+    assert max(map(len, lines)) <= 40
+    assert len(lines) > 4
+    text = "\n".join(lines[2:]).removeprefix("example: ")
+    assert shlex.split(text.replace("\\\n", " ")) == shlex.split(command)
+
+
+def test_a_list_keeps_its_columns_when_it_is_wrapped():
+    item = "  rates.csv   one row per trace,\n              with its rate\n"
+    text = f"Files of a run:\n{item}and no more."
+    assert wrapped(text, 30).splitlines() == [
+        "Files of a run:",
+        "  rates.csv   one row per",
+        "              trace, with its",
+        "              rate",
+        "and no more.",
+    ]

@@ -142,8 +142,9 @@ def test_where_there_is_no_terminal_a_run_gets_a_line_now_and_then(capsys, monke
             {"field of SA"},
         ),
         (lambda: fb.threshold(["PC"], [100, 200]), {"thresholds of PC"}),
+        (lambda: fb.PadProbe(ridges="none", positions=1).response, {"probe on the pad"}),
     ],
-    ids=["press", "deep", "slide", "field", "threshold"],
+    ids=["press", "deep", "slide", "field", "threshold", "probe"],
 )
 def test_long_computations_report_their_progress_up_to_the_end(compute, tasks):
     reports = []

@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 # What Windows lacks of the standard library.
 _PRELUDE = """
 import fcntl, importlib.abc, os, shutil, signal, subprocess, sys
@@ -22,6 +24,7 @@ for name in ("killpg", "waitid", "WNOWAIT", "O_NOFOLLOW", "O_NONBLOCK", "O_DIREC
         delattr(os, name)
 
 real_open, real_fsync, get_flags = os.open, os.fsync, fcntl.fcntl
+real_stat, real_temporary, temporary_files = os.stat, tempfile.NamedTemporaryFile, []
 GETFL, ACCESS = fcntl.F_GETFL, os.O_RDWR | os.O_WRONLY
 
 def open_as_windows(path, flags, mode=0o777, *, dir_fd=None):
@@ -31,7 +34,18 @@ def open_as_windows(path, flags, mode=0o777, *, dir_fd=None):
         raise PermissionError(13, "Permission denied", str(path))
     if os.path.basename(path).endswith(".lock") and flags & ACCESS and is_of_fembridge():
         raise PermissionError(13, "Permission denied", str(path))  # its first byte is locked
+    if any(not file.closed and file.name == str(path) for file in temporary_files):
+        raise PermissionError(13, "Permission denied", str(path))  # it is opened once only
     return real_open(path, flags, mode)
+
+def stat_as_windows(path, **how):
+    if str(path).startswith("/proc"):
+        raise FileNotFoundError(2, "No such file or directory", str(path))
+    return real_stat(path, **how)
+
+def temporary_as_windows(*words, **settings):
+    temporary_files.append(real_temporary(*words, **settings))
+    return temporary_files[-1]
 
 def is_of_fembridge():
     return sys._getframe(2).f_globals["__name__"].startswith("fembridge.")
@@ -42,6 +56,7 @@ def fsync_as_windows(handle):
     real_fsync(handle)
 
 os.open, os.fsync, shutil._use_fd_functions = open_as_windows, fsync_as_windows, False
+os.stat, tempfile.NamedTemporaryFile = stat_as_windows, temporary_as_windows
 del fcntl
 for name in ("SIGHUP", "SIGKILL", "SIGXFSZ", "SIGPIPE", "SIGBUS", "SIGSYS"):
     if hasattr(signal, name):
@@ -60,6 +75,7 @@ def _run(code: str, *arguments: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_every_module_can_be_imported_without_what_windows_lacks():
     code = """
 import importlib, pkgutil
@@ -86,6 +102,7 @@ print(sorted(os.listdir(sys.argv[1])))
     assert "spikes.csv" in _run(code, str(tmp_path / "touched"))
 
 
+@pytest.mark.slow
 def test_a_process_without_groups_is_ended_alone():
     code = """
 from fembridge.host.process import HAS_GROUPS, stop
@@ -97,6 +114,7 @@ print(process.returncode)
     assert int(_run(code)) != 0
 
 
+@pytest.mark.slow
 def test_a_result_file_is_read_without_flags_of_linux(tmp_path):
     code = """
 from fembridge.cli import main
@@ -108,6 +126,32 @@ print(sorted(os.listdir(folder)))
     assert "traces.csv" in _run(code, str(tmp_path / "sample"))
 
 
+@pytest.mark.slow
+def test_a_packed_result_file_is_read_where_a_temporary_file_is_opened_once_only(tmp_path):
+    code = """
+import gzip
+from pathlib import Path
+from fembridge.cli import main
+folder = Path(sys.argv[1])
+tempfile.tempdir = str(folder / "temporary")
+(folder / "temporary").mkdir(parents=True)
+assert main(["sample", "frd", "-o", str(folder / "run")]) in (0, None)
+for name in ("job.frd", "job.dat"):
+    content = (folder / "run" / name).read_bytes()
+    (folder / name).write_bytes(content)
+    (folder / f"{name}.gz").write_bytes(gzip.compress(content))
+nodes = ["--node", "367", "--node", "461"]
+for file, table in (("job.frd", "plain.csv"), ("job.frd.gz", "packed.csv")):
+    assert main(["ingest", str(folder / file), *nodes, "-o", str(folder / table)]) in (0, None)
+assert main(["ingest", "--list", str(folder / "job.dat.gz")]) in (0, None)
+same = (folder / "plain.csv").read_bytes() == (folder / "packed.csv").read_bytes()
+print("same", same, len(temporary_files))
+"""
+    assert "same True 2" in _run(code, str(tmp_path))
+    assert list((tmp_path / "temporary").iterdir()) == []
+
+
+@pytest.mark.slow
 def test_a_locked_folder_is_worked_in_where_a_locked_file_cannot_be_written(tmp_path):
     code = """
 import warnings
@@ -126,6 +170,7 @@ with folder_lock(folder, "run.lock", wait=False):
     assert "is at work here" in _run(code, str(tmp_path))
 
 
+@pytest.mark.slow
 def test_nothing_is_kept_in_a_cache_that_could_not_be_read_again(tmp_path):
     code = """
 from pathlib import Path

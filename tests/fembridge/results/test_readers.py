@@ -20,9 +20,24 @@ from fembridge.errors import ResultError, UsageError
 from fembridge.host.store import sha256_of
 from fembridge.io.run_folder import AfferentNode, RunFolder, read_run_folder
 from fembridge.results import READERS, Reader, describe, open_result, read, read_history
-from fembridge.results.byte_file import ByteFile
+from fembridge.results.byte_file import ByteFile, in_words
 from fembridge.results.read_options import ReadOptions
 from fembridge.results.readers import find_reader, read_values
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "the end of the file"),
+        (b"\0\0\0", "3 zero bytes"),
+        (b" \r\n", "a blank line"),
+        (b" -1    12\r\n", "' -1    12'"),
+        (b" -1  \xff 12", "' -1  \N{MIDDLE DOT} 12', 1 of it no text"),
+        (b"\xff\xfe\x01a", "4 bytes that are no text"),
+    ],
+)
+def test_bytes_are_described_in_words(content, words):
+    assert in_words(content) == words
 
 
 @pytest.mark.parametrize(
@@ -31,9 +46,9 @@ from fembridge.results.readers import find_reader, read_values
         ("job.frd", b"", (0,)),
         ("job.frd", b"\x1f\x8b\x08\x00abc", ("gzip", ".frd.gz")),
         ("job.frd", b"\x89HDF\r\n\x1a\n", ("HDF5", ".t16", ".t19")),
-        ("job.frd", b"*NODE, NSET=N\n1,0,0,0\n", ("b'*NODE, NSET='",)),
-        ("job.frd", b"\x00\x01", (repr(b"\x00\x01"), ".frd")),
-        ("job.frd", b"   ", (repr(b"   "), ".frd")),
+        ("job.frd", b"*NODE, NSET=N\n1,0,0,0\n", ("'*NODE, NSET='",)),
+        ("job.frd", b"\x00\x01", ("no text", ".frd")),
+        ("job.frd", b"   ", ("a blank line", ".frd")),
         ("job.txt", b"    1C\n", ("ccx-frd", ".txt", ".frd")),
         ("job", b"    1C\n", ("ccx-frd", ".frd")),
         ("job.dat", b"\n", ("fembridge ingest", "--point")),
