@@ -4,6 +4,7 @@
 test. A person's run tries a part of them and is done in a minute or two.
 """
 
+import gc
 import importlib.util
 import logging
 import os
@@ -28,9 +29,11 @@ ROOT = Path(__file__).parents[1]
 CI = os.environ.get("CI") == "true"
 if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):  # else every process would compile us anew
     sys.dont_write_bytecode = False
+# Matrices here are small: threads of BLAS wait longer for each other than they compute.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when NumPy is loaded, below
 PATIENCE_S = 300.0
-settings.register_profile("fembridge", deadline=None, max_examples=100 if CI else 25)
-settings.register_profile("costly", deadline=None, max_examples=120 if CI else 10)
+settings.register_profile("fembridge", deadline=None, max_examples=100 if CI else 12)
+settings.register_profile("costly", deadline=None, max_examples=120 if CI else 6)
 settings.load_profile("fembridge")
 
 PATCH = """*HEADING
@@ -82,6 +85,12 @@ def pytest_configure(config):
     """A worker that is killed ends the run, red: with its one test left over, a new one waits."""
     if getattr(config.option, "maxworkerrestart", "") is None:
         config.option.maxworkerrestart = "0"
+
+
+def pytest_collection_finish(session):
+    """Thousands of tests live until the end: the collector of garbage need not look at them."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(config, items):

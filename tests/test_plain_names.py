@@ -48,6 +48,7 @@ def test_names_of_every_construct_are_counted():
     assert sorted(names) == sorted(expected.split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", MAX_PERCENT)
 def test_placeholder_names_are_rare(package: str):
     count = 0

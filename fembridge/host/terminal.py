@@ -296,10 +296,15 @@ class Bars:
 
 
 class TaskBars(Bars):
-    """A bar for each task of a computation, called as `fembridge.host.progress.Show`."""
+    """A bar for each task of a computation, called as `fembridge.host.progress.Show`.
+
+    Without a terminal nothing is written: tasks are many and short, unlike runs of the solver.
+    """
 
     def __call__(self, task: str, share: float) -> None:
         """Move the bar of `task`; take it away when it is done."""
+        if not self.on_terminal:
+            return
         if share < 1:
             self.show(task, share)
         else:

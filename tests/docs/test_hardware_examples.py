@@ -196,7 +196,9 @@ def test_the_node_publishes_the_spikes_of_the_force(node_module, tmp_path, monke
     np.testing.assert_allclose(np.array(sorted(rows)), np.array(sorted(expected)), atol=1e-4)
 
 
-@pytest.mark.parametrize("page", ["tutorials/robotics.md", "how_to/hardware.md"])
+@pytest.mark.parametrize(
+    "page", [pytest.param("tutorials/robotics.md", marks=pytest.mark.slow), "how_to/hardware.md"]
+)
 def test_the_python_of_the_pages_runs(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     text = (FOLDER.parent / page).read_text(encoding="utf-8")

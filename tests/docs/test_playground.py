@@ -102,6 +102,7 @@ def test_the_compiler_gives_the_bytes_of_the_module(build, record):
     assert build.compiled() == (FOLDER / "playground.wasm").read_bytes(), BUILD_AGAIN
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not shutil.which("node"), reason="no node")
 @pytest.mark.filterwarnings("ignore:parameter set fitted was fitted at:UserWarning")
 def test_all_stimuli_of_the_catalogue_give_the_spikes_of_python(pages, tmp_path):

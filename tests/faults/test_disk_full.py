@@ -85,8 +85,14 @@ def test_a_limit_of_file_size_leaves_the_earlier_results(
 LIBRARIES = {"npz": "numpy", "mat": "scipy", "nwb": "pynwb", "neo": "neo", "sonata": "h5py"}
 
 
-@pytest.mark.parametrize("kind", LIBRARIES)
-@pytest.mark.parametrize("most_bytes", [0, 2000])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=[pytest.mark.slow] * (kind not in ("npz", "nwb")))
+        for kind in LIBRARIES
+    ],
+)
+@pytest.mark.parametrize("most_bytes", [pytest.param(0, marks=pytest.mark.slow), 2000])
 def test_a_recording_on_a_full_disk_is_one_line_whatever_its_library_prints(
     tmp_path, file_size_limit, capfd, as_in_table, kind, most_bytes
 ):
@@ -108,6 +114,7 @@ def test_a_recording_on_a_full_disk_is_one_line_whatever_its_library_prints(
     assert list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.slow
 def test_a_full_disk_leaves_the_earlier_results_and_room_is_all_it_takes(
     apart, little_room, as_in_table
 ):

@@ -25,7 +25,7 @@ def test_a_solver_that_is_killed_is_said_and_leaves_no_result(fake_ccx, make_run
     assert "killed from outside" in (folder / "failed" / "cause.txt").read_text()
 
 
-@pytest.mark.parametrize("scene", ["outputs", "results"])
+@pytest.mark.parametrize("scene", ["outputs", pytest.param("results", marks=pytest.mark.slow)])
 def test_killed_before_any_file_operation_no_half_stands_for_a_whole(
     tmp_path, monkeypatch, begin, scene
 ):

@@ -30,6 +30,7 @@ COMMANDS = [
 ]
 
 
+@pytest.mark.slow
 def test_a_read_only_folder_is_said_in_one_line_and_finished_results_in_it_are_taken(
     fake_ccx, apart, make_run, files_below, as_in_table
 ):

@@ -31,18 +31,25 @@ RECORDED = Path(__file__).parents[2] / "fixtures/transient_sine"
 
 
 @pytest.fixture(autouse=True)
-def here(tmp_path, monkeypatch):
+def here(tmp_path, monkeypatch, in_this_process):
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("FEMBRIDGE_CCX", raising=False)
     monkeypatch.setenv("PATH", "")
 
 
 HOMES = [importlib.import_module(home) for home in sorted({*fb._HOMES.values(), "decks.presets"})]
-SLOW = "fembridge.reporting.validation"  # tested beside it
+SLOW = {
+    f"fembridge.{name}"
+    for name in (
+        *("fitting.fit", "fitting.model_study", "fitting.thresholds", "reporting.explorer"),
+        *("sweeps.sweep", "touching.receptive_field", "touching.touch"),
+    )
+}
 MODULES = [
-    fb,
-    result,
-    *(home for home in HOMES if ">>>" in inspect.getsource(home) and home.__name__ != SLOW),
+    pytest.param(home, id=home.__name__, marks=[pytest.mark.slow] * (home.__name__ in SLOW))
+    for home in (fb, result, *HOMES)
+    if ">>>" in inspect.getsource(home)
+    and home.__name__ != "fembridge.reporting.validation"  # tested beside it
 ]
 
 

@@ -252,6 +252,7 @@ def test_a_trace_of_the_map_is_that_of_a_transient(here, load, before, options, 
     assert rates.equals(simulation.rates.drop(columns="rate_ips"))
 
 
+@pytest.mark.slow
 @pytest.mark.solver
 @pytest.mark.filterwarnings("ignore:parameter set fitted")
 def test_a_map_is_a_folder_that_other_verbs_read(deck, capsys):

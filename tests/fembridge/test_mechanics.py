@@ -34,7 +34,7 @@ TOUCH = ["--press-um", "100", "--population", "one_each", "--no-plot"]
 
 
 @pytest.fixture
-def here(tmp_path, monkeypatch):
+def here(tmp_path, monkeypatch, in_this_process):
     """Work in a folder with a parameter set, the folders of its results, and a study."""
     monkeypatch.chdir(tmp_path)
     Path("mine.toml").write_text(SET, encoding="utf-8")
@@ -123,7 +123,13 @@ def test_each_verb_with_a_parameter_set_warns(verb, capsys):
 
 
 @pytest.mark.usefixtures("here", "unrendered")
-@pytest.mark.parametrize("words", [["sweep", "study.toml", "-o", "out"], ["report", "touched"]])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["sweep", "study.toml", "-o", "out"],
+        pytest.param(["report", "touched"], marks=pytest.mark.slow),
+    ],
+)
 def test_verbs_that_read_a_set_from_files_warn(words, capsys):
     main(words)
     assert WORDS in capsys.readouterr().err

@@ -45,7 +45,13 @@ def test_without_a_verb_the_first_hour_of_each_kind_of_user_comes_first(capsys):
 
 
 @pytest.mark.usefixtures("here", "without_solver")
-@pytest.mark.parametrize("rows", FIRST_HOUR.values(), ids=FIRST_HOUR)
+@pytest.mark.parametrize(
+    "rows",
+    [
+        pytest.param(rows, id=who, marks=[pytest.mark.slow] * (who == "You study touch"))
+        for who, rows in FIRST_HOUR.items()
+    ],
+)
 def test_the_commands_of_the_first_hour_work(rows, capsys):
     for _, command in rows:
         words = shlex.split(command)[1:]
@@ -57,8 +63,8 @@ def test_the_commands_of_the_first_hour_work(rows, capsys):
 @pytest.mark.parametrize(
     "first",
     [
-        ["stimuli", "sine_20_250"],
-        SIMULATE,
+        pytest.param(["stimuli", "sine_20_250"], marks=pytest.mark.slow),
+        pytest.param(SIMULATE, marks=pytest.mark.slow),
         TOUCH,
         ["sample", "frd"],
         ["threshold", "--afferent", "PC", "--frequencies-hz", "100", "-o", "threshold"],
@@ -168,6 +174,7 @@ def test_the_parser_of_all_verbs_has_them():
     assert all(verb in text for verb in VERBS)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_plot_of_a_folder_draws_all_that_its_files_allow(capsys):
     main([*SIMULATE, "--no-plot"])
@@ -214,6 +221,7 @@ def test_a_wrong_path_or_table_gets_one_line_with_the_way_out(words, line, capsy
     assert line in printed
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_rates_of_a_touch_are_means_over_silent_units_too(capsys):
     main(["touch", "--press-um", "150", "--no-plot", "-o", "touched"])

@@ -90,6 +90,7 @@ def test_what_makes_no_sense_is_one_line(here, refused, more, code, said):
     refused(words("--base-deck", "mine.inp", *more), said, code)
 
 
+@pytest.mark.slow
 def test_python_rebases_a_deck_as_the_verb_does(here, logged):
     nodes = [word for name, k in NODES.items() for word in ("--afferent", f"{name}={k}")]
     assert main(words("--base-deck", "mine.inp", *nodes, "-o", "verb")) == 0
@@ -112,6 +113,7 @@ def requests_in(run):
     ]
 
 
+@pytest.mark.slow
 def test_requests_of_results_stay_beside_ours_or_go(here):
     text = INP.read_text()
     last = text.upper().rindex("*END STEP")
@@ -131,6 +133,7 @@ def test_requests_of_results_stay_beside_ours_or_go(here):
     assert run.inputs["base_deck"]["request"] == {"own_output": False}
 
 
+@pytest.mark.slow
 def test_a_large_field_that_a_request_makes_is_warned_of(here, monkeypatch):
     monkeypatch.setattr("fembridge.solver.deck._MANY_GIGABYTES", 0.1)
     text = INP.read_text()
@@ -190,6 +193,7 @@ def test_an_included_file_from_elsewhere_is_refused(here, noise, name):
     assert caught.value.path == here / "mine.inp"
 
 
+@pytest.mark.slow
 def test_results_of_a_run_are_in_the_units_that_its_deck_was_built_with(here):
     deck = INP.read_text().replace("*HEADING\n", "*HEADING\nUnit system: M_TON_S_C\n")
     (here / "mine.inp").write_text(deck)

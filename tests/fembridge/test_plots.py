@@ -225,7 +225,7 @@ PICTURES = {
 
 
 ROWS = ("raster", "psth", "isi", "stimulus")
-CASES = [(picture, "five") for picture in (*ROWS, "rates")]
+CASES = [(picture, "five") for picture in ("raster", "psth", "stimulus")]
 CASES += [
     pytest.param(picture, names, marks=pytest.mark.slow)
     for picture in PICTURES
@@ -246,8 +246,14 @@ def content_of(panel):
     return lines, parts
 
 
-@pytest.mark.parametrize("names", ["one", "five"])
-@pytest.mark.parametrize("picture", PICTURES)
+@pytest.mark.parametrize("names", ["one", pytest.param("five", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "picture",
+    [
+        pytest.param(picture, marks=[pytest.mark.slow] * (picture in ("effects", "ranks", "psth")))
+        for picture in PICTURES
+    ],
+)
 def test_a_picture_is_drawn_into_the_axes_of_the_caller(picture, names):
     from matplotlib.figure import Figure
 

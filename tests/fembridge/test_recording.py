@@ -98,7 +98,7 @@ def test_neo_has_a_segment_a_trial_and_a_train_a_unit(touch, recording, folder):
         assert_allclose(depth.rescale("um").magnitude[:, 0], touch.depth_um)
 
 
-@pytest.mark.parametrize("trials", [1, 3])
+@pytest.mark.parametrize("trials", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_nwb_round_trips_and_its_inspector_finds_nothing(trials, touch, recording, folder):
     pynwb, inspector = pytest.importorskip("pynwb"), pytest.importorskip("nwbinspector")
     if trials == 1:

@@ -21,7 +21,13 @@ def printed_commands(out):
 
 
 @pytest.mark.filterwarnings("default")
-@pytest.mark.parametrize("name", SAMPLES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] * (name in ("touches", "rates", "press")))
+        for name in SAMPLES
+    ],
+)
 def test_the_commands_printed_for_a_sample_work_as_printed(here, capsys, monkeypatch, name):
     """Without a solver."""
     monkeypatch.setenv("PATH", str(here))

@@ -57,6 +57,7 @@ def test_traces_of_a_result_file_load_what_they_need(tmp_path):
     assert (done.returncode, done.stdout.split(), done.stderr) == (0, [], "")
 
 
+@pytest.mark.slow
 def test_stored_answers_load_no_mesher(tmp_path):
     (tmp_path / "own.toml").write_text("[skin]\nepidermis_mm = 0.5\n", encoding="utf-8")
     words = ["simulate", "--stimulus", "sine_20_250", "--stored", "-o", "out", "--no-plot"]

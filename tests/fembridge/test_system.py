@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 # What Windows lacks of the standard library.
 _PRELUDE = """
 import fcntl, importlib.abc, os, shutil, signal, subprocess, sys
@@ -73,6 +75,7 @@ def _run(code: str, *arguments: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_every_module_can_be_imported_without_what_windows_lacks():
     code = """
 import importlib, pkgutil
@@ -99,6 +102,7 @@ print(sorted(os.listdir(sys.argv[1])))
     assert "spikes.csv" in _run(code, str(tmp_path / "touched"))
 
 
+@pytest.mark.slow
 def test_a_process_without_groups_is_ended_alone():
     code = """
 from fembridge.host.process import HAS_GROUPS, stop
@@ -110,6 +114,7 @@ print(process.returncode)
     assert int(_run(code)) != 0
 
 
+@pytest.mark.slow
 def test_a_result_file_is_read_without_flags_of_linux(tmp_path):
     code = """
 from fembridge.cli import main
@@ -121,6 +126,7 @@ print(sorted(os.listdir(folder)))
     assert "traces.csv" in _run(code, str(tmp_path / "sample"))
 
 
+@pytest.mark.slow
 def test_a_packed_result_file_is_read_where_a_temporary_file_is_opened_once_only(tmp_path):
     code = """
 import gzip
@@ -145,6 +151,7 @@ print("same", same, len(temporary_files))
     assert list((tmp_path / "temporary").iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_locked_folder_is_worked_in_where_a_locked_file_cannot_be_written(tmp_path):
     code = """
 import warnings
@@ -163,6 +170,7 @@ with folder_lock(folder, "run.lock", wait=False):
     assert "is at work here" in _run(code, str(tmp_path))
 
 
+@pytest.mark.slow
 def test_nothing_is_kept_in_a_cache_that_could_not_be_read_again(tmp_path):
     code = """
 from pathlib import Path

@@ -151,7 +151,9 @@ def test_compiled_spikes_are_those_of_python(name, sensor_ms, more, compiler, tm
 
 @needs_compiler
 @pytest.mark.parametrize("precision", ["double", "float"])
-@pytest.mark.parametrize(("name", "number"), [("fitted", 0), ("published", -1)])
+@pytest.mark.parametrize(
+    ("name", "number"), [pytest.param("fitted", 0, marks=pytest.mark.slow), ("published", -1)]
+)
 def test_every_stimulus_of_the_catalogue_fires_the_compiled_cells_alike(
     name, number, precision, tmp_path
 ):

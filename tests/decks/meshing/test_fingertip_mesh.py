@@ -101,6 +101,7 @@ def test_bone_and_outer_nail_are_held(mesh):
     assert not np.isin(mesh.tet[mesh.pad], mesh.fixed).any()
 
 
+@pytest.mark.slow
 def test_the_same_fingertip_gives_the_same_deck_and_linear_elements_the_same_corners(mesh):
     assert fingertip_deck(COARSE) == fingertip_deck(COARSE, mesh)
     linear = mesh_fingertip(replace(COARSE, resolution=replace(COARSE.resolution, order=1)))

@@ -125,6 +125,7 @@ except BrokenPipeError:
 """
 
 
+@pytest.mark.slow
 @needs_gmsh
 def test_a_thread_meshes_a_preset_to_the_same_bytes_and_leaves_handlers_of_signals(tmp_path):
     """In a process of its own: gmsh changes them when it first begins."""

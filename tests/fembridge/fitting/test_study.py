@@ -133,6 +133,7 @@ def test_the_verb_writes_table_summary_and_picture(table, tmp_path, capsys):
     ]
 
 
+@pytest.mark.slow
 def test_an_interrupt_keeps_the_cases_that_are_finished(table, tmp_path, monkeypatch, capsys):
     """Also one in the middle of a search, which is not taken for a whole one."""
     asked, whole = [], study.search_front

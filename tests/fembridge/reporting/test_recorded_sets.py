@@ -135,6 +135,7 @@ def test_sa_fires_more_on_deeper_ramps_and_slows_down(fingertip):
     assert (np.diff(deep) < 0).all()
 
 
+@pytest.mark.slow
 def test_points_of_ramps_textures_and_bars_join_model_and_touchsim(fingertip):
     sa = pd.DataFrame({"unit": ["1"], "depth_mm": [1.0], "rate_0_100": [90.0], "rate_0_7": [9.0]})
     ra = pd.DataFrame(

@@ -104,7 +104,13 @@ KINDS = {
 }
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] * (name in ("touch", "response.toml", ".")))
+        for name in KINDS
+    ],
+)
 def test_each_kind_of_folder_has_its_page(name, reported):
     kind, expected = KINDS[name]
     report, text = reported(name)
@@ -128,7 +134,15 @@ def test_a_pad_has_a_page():
     assert refused.value.argument == "kind"
 
 
-@pytest.mark.parametrize("name", ["run", "simulation", "touch", "response.toml"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("run", marks=pytest.mark.slow),
+        "simulation",
+        "touch",
+        pytest.param("response.toml", marks=pytest.mark.slow),
+    ],
+)
 def test_every_picture_is_drawn_by_its_name(name, folders):
     report = fb.report(folders / name)
     for kind in report.pictures:
@@ -288,6 +302,7 @@ def own_run(tmp_path):
     return run.folder
 
 
+@pytest.mark.slow
 @pytest.mark.solver
 def test_an_own_model_has_a_page_from_mesh_to_spikes(tmp_path):
     folder = own_run(tmp_path)

@@ -192,6 +192,7 @@ def on_pad(observed_file):
         )
 
 
+@pytest.mark.slow
 def test_a_page_on_a_pad_has_the_rates_of_the_pad_alone(on_pad, tmp_path, undrawn):
     assert on_pad.on_pad
     simulated = fb.simulate(
@@ -212,6 +213,7 @@ def test_a_page_on_a_pad_has_the_rates_of_the_pad_alone(on_pad, tmp_path, undraw
     assert not [name for name in validation_page.figure_functions(on_pad) if "fingertip" in name]
 
 
+@pytest.mark.slow
 def test_cells_of_all_positions_are_in_order_of_their_sensitivity(on_pad):
     """Each of ten cells at both positions, then the next: the first fire most."""
     trains = [
@@ -506,6 +508,7 @@ def test_recorded_spikes_replace_the_published_timing(study, monkeypatch):
         assert evidence.sources[name] != published(name).source
 
 
+@pytest.mark.slow
 def test_a_recorded_unit_is_compared_with_the_cell_closest_to_it(monkeypatch):
     """The unit is a cell of the model: its rank is between the ranks of the ten cells."""
     fitted = parameter_set("fitted")

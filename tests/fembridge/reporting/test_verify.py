@@ -164,6 +164,7 @@ def test_a_check_that_fails_makes_the_exit_code_1(calls_of_patch, tmp_path, caps
     assert (tmp_path / "verification.md").is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.solver
 def test_the_cheapest_study_passes_and_reuses_its_complete_runs(tmp_path):
     """With the solver; then again after damage to a result file, as after a killed run."""

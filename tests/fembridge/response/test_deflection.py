@@ -300,6 +300,7 @@ def test_on_the_mesh_as_it_is_stored_the_probe_slips_and_the_run_is_refused(tmp_
     assert not (tmp_path / PROFILE_FILE).exists()
 
 
+@pytest.mark.slow
 def test_deflections_come_back_from_their_files_and_draw_into_axes(tmp_path):
     from matplotlib.figure import Figure
 

@@ -140,6 +140,7 @@ def test_what_another_contact_does_not_cure_ends_the_ladder(tmp_path, model, pla
     assert not (tmp_path / MAP_FILE).exists()
 
 
+@pytest.mark.slow
 def test_when_all_contacts_fail_each_is_listed_with_its_reason(
     tmp_path, model, player, path_dependent, logged
 ):

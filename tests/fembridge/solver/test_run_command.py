@@ -52,7 +52,10 @@ def test_a_deck_changed_by_hand_is_said(make_run, capsys):
     assert str(folder) in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"),
+    [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)],
+)
 def test_an_interrupted_command_leaves_no_solver_no_result_and_the_evidence(
     begin, make_run, pid_of, is_alive, number, code
 ):

@@ -37,6 +37,7 @@ def finished(sweep):
     return code, out, err
 
 
+@pytest.mark.slow
 def test_after_kill_9_of_the_sweep_only_the_unfinished_is_done(
     dermis_study, tmp_path, ledger, gate, start_sweep, wait_until, is_alive, in_this_process
 ):

@@ -120,6 +120,7 @@ def test_the_number_of_workers_changes_no_byte(tmp_path):
     assert bytes_of(tmp_path / "copy") == files
 
 
+@pytest.mark.slow
 def test_a_touch_does_not_depend_on_the_touches_before_it():
     """Not in a bit of its stress, although sums of float32 depend on what is beside them."""
     from fembridge.touching import touch as module
@@ -157,6 +158,7 @@ def test_groups_fill_parts_whole_unless_they_are_larger_than_a_part():
     assert sorted(touches_of) == list(range(220))
 
 
+@pytest.mark.slow
 def test_other_programs_read_the_folder_as_it_is(tmp_path):
     duckdb, polars = pytest.importorskip("duckdb"), pytest.importorskip("polars")
     data = touch_many(rows_of(4), tmp_path / "set", jobs=1)
@@ -210,7 +212,7 @@ def test_a_row_that_cannot_be_fails_with_its_cause_and_the_others_are_done(tmp_p
 
 
 def test_warnings_of_a_row_are_kept_in_its_row_and_issued_once():
-    rows = rows_of(3, depths_um=(1500,))
+    rows = rows_of(3, depths_um=(1500,), hold_ms=10)
     with pytest.warns(FembridgeWarning) as issued:
         data = touch_many(rows, jobs=1)
     [warning] = issued
@@ -249,6 +251,7 @@ def deadly(tmp_path, monkeypatch):
     sys.modules.pop("deadly", None)
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_once_changes_no_byte(tmp_path, deadly):
     rows = rows_of(6)
     touch_many(rows, tmp_path / "plain", jobs=1)
@@ -258,6 +261,7 @@ def test_a_worker_that_dies_once_changes_no_byte(tmp_path, deadly):
     assert bytes_of(tmp_path / "set") == bytes_of(tmp_path / "plain")
 
 
+@pytest.mark.slow
 def test_a_row_that_kills_its_worker_fails_at_the_third_time_and_alone(
     tmp_path, deadly, monkeypatch
 ):
@@ -287,6 +291,7 @@ def recorder(ran, compute):
     return run
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_full_costs_its_part_only_and_the_next_run_finishes(tmp_path, monkeypatch):
     rows = rows_of(70, depths_um=tuple(range(100, 170, 10)), noise_mv=0.0, trials=1)
     touch_many(rows, tmp_path / "plain", jobs=1)
@@ -461,7 +466,8 @@ def test_a_folder_of_another_table_is_refused_unless_nothing_of_it_is_done(tmp_p
     assert bytes_of(tmp_path / "set") == before
 
 
-@pytest.mark.parametrize("failing", [False, True])
+@pytest.mark.slow
+@pytest.mark.parametrize("failing", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_longer_table_computes_only_its_further_rows_and_keeps_the_files_of_the_others(
     tmp_path, monkeypatch, failing
 ):

@@ -75,6 +75,7 @@ def test_the_file_of_a_symmetric_fingertip_has_half_of_its_forces(coarse, tmp_pa
     assert_allclose(again.outline(), coarse.outline())
 
 
+@pytest.mark.slow
 @pytest.mark.solver
 def test_a_finger_file_becomes_a_pad_that_touch_takes(tmp_path, capsys, monkeypatch):
     pytest.importorskip("gmsh")
@@ -92,6 +93,7 @@ def test_a_finger_file_becomes_a_pad_that_touch_takes(tmp_path, capsys, monkeypa
     assert_allclose(np.abs(fb.Pad.read("mine.npz").outline()).max(axis=0)[0], 9.0, rtol=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.solver
 def test_a_deck_of_a_fingertip_has_its_map_at_the_node_set_apex(tmp_path):
     pytest.importorskip("gmsh")
@@ -160,6 +162,7 @@ def test_a_touch_of_the_stored_fingertip_is_symmetric_and_has_its_outline_in_the
     assert low < ends_mm[:, 1].min() and ends_mm[:, 1].max() < high
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::fembridge.errors.FembridgeWarning")
 def test_a_receptive_field_of_the_stored_fingertip_has_its_hot_spot_above_the_unit():
     field = fb.receptive_field(

@@ -54,7 +54,13 @@ def assert_same_pad(pad, expected, *, displacement, stress):
 
 
 @pytest.mark.solver
-@pytest.mark.parametrize("form", ["load cases", "steps", "several decks"])
+@pytest.mark.parametrize(
+    "form",
+    [
+        "load cases",
+        *(pytest.param(form, marks=pytest.mark.slow) for form in ("steps", "several decks")),
+    ],
+)
 def test_printed_tables_of_abaqus_make_the_pad_of_calculix(tmp_path, form):
     """Four printed digits: displacement within 5e-4 of the largest, stress within 1e-3."""
     text = block_deck(across=3)
@@ -106,7 +112,11 @@ def test_increments_of_marc_make_the_pad_of_calculix(tmp_path):
 
 @pytest.mark.solver
 @pytest.mark.parametrize(
-    "material", ["*ELASTIC\n0.2, 0.45\n", "*HYPERELASTIC, NEO HOOKE\n0.05, 1.\n"]
+    "material",
+    [
+        pytest.param("*ELASTIC\n0.2, 0.45\n", marks=pytest.mark.slow),
+        "*HYPERELASTIC, NEO HOOKE\n0.05, 1.\n",
+    ],
 )
 def test_a_preload_is_the_state_about_which_the_forces_act(tmp_path, monkeypatch, material):
     """Elements with one point, in whose middle CalculiX' pad has stress too."""
@@ -123,6 +133,7 @@ def test_a_preload_is_the_state_about_which_the_forces_act(tmp_path, monkeypatch
     assert_allclose(pad.position_mm, expected.position_mm, atol=5e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.solver
 def test_load_cases_of_marc_are_the_preload(tmp_path, monkeypatch):
     text = block_deck(across=4, more=PULLED)

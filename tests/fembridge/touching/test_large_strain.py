@@ -47,7 +47,7 @@ def random_loads(seed=0):
     return loads
 
 
-@pytest.fixture(scope="module", params=["plate", "ball"])
+@pytest.fixture(scope="module", params=[pytest.param("plate", marks=pytest.mark.slow), "ball"])
 def deep(request):
     """Depths, force, von Mises stress of SA and PC in kPa, and those of CalculiX."""
     shape, expected_n, pc_kpa, sa_kpa = {
@@ -138,6 +138,7 @@ def test_stress_by_waves_is_the_superposed_stress():
     assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_waves_kept_as_real_numbers_give_the_stress_of_complex_ones():
     """Loads in all three directions, in a row of the skin and in one of the pulp."""
     loads = np.random.default_rng(8).normal(size=(2, *SHEET.shape)).astype(np.float32)
@@ -186,6 +187,7 @@ def test_pulp_that_is_evenly_compressed_pushes_back_by_its_law():
     assert_allclose(SHEET.tissue_stress_mpa(compressed), 13.0 * modulus * 0.3**4, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_ball_with_two_newtons_is_answered_and_read_again(tmp_path):
     with pytest.warns(FembridgeWarning, match="large strain"):
         result = fb.touch("sphere", press_n=2.0, population=ONE)
@@ -203,7 +205,11 @@ def test_a_small_force_stays_with_small_strain():
 
 
 @pytest.mark.parametrize(
-    ("shape", "press"), [("sphere", {"press_n": 4.0}), ("plate", {"press_n": 6.0})]
+    ("shape", "press"),
+    [
+        pytest.param("sphere", {"press_n": 4.0}, marks=pytest.mark.slow),
+        ("plate", {"press_n": 6.0}),
+    ],
 )
 def test_a_touch_beyond_the_range_names_force_and_depth(shape, press):
     with pytest.raises(UsageError) as error:

@@ -129,6 +129,7 @@ def test_elements_of_all_kinds_answer_a_ball_alike(tmp_path, kind):
     assert_allclose(stress_pa, 17_700, rtol=0.12 if is_linear else 0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.solver
 def test_an_interrupted_pad_goes_on_where_it_stopped(tmp_path, monkeypatch):
     runs = tmp_path / "runs"
@@ -148,6 +149,7 @@ def test_an_interrupted_pad_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert np.array_equal(again.down_mm, whole.down_mm)
 
 
+@pytest.mark.slow
 @pytest.mark.solver
 @pytest.mark.filterwarnings("ignore::fembridge.errors.FembridgeWarning")
 def test_the_command_makes_a_pad_that_touch_takes(tmp_path, capsys, monkeypatch):

@@ -158,6 +158,7 @@ def test_a_map_of_a_probe_is_read_as_it_was_written(tmp_path, ridged):
     assert str(tmp_path) not in text
 
 
+@pytest.mark.slow
 def test_thresholds_have_the_force_of_the_probe(tmp_path, ridged):
     result = fb.threshold(["RA", "SA"], [20, 200], pad=ridged, output=tmp_path / "out")
     table, depth_um = result.table, 75.0
@@ -276,6 +277,7 @@ def test_a_stimulus_deeper_than_the_map_is_refused():
     assert refused.value.found > 200
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unrendered")
 def test_the_worked_example_of_the_documentation_runs(tmp_path, monkeypatch, capsys, recwarn):
     """On a stored pad of a mesh, a short search, and without the page."""

@@ -191,6 +191,7 @@ def test_a_unit_that_a_press_in_the_middle_does_not_reach_is_named():
         check_inside(pad, Population.grid(half_width_mm=7.0, half_length_mm=12.0))
 
 
+@pytest.mark.slow
 def test_a_population_that_is_damaged_is_refused_or_has_another_cell(tmp_path):
     """No column vanishes and no row, whatever character is changed."""
     units, path = Population.fingertip(seed=3, density=0.01), tmp_path / "population.csv"

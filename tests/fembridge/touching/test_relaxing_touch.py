@@ -170,6 +170,7 @@ def test_an_element_stores_the_energy_of_hookes_law():
     assert_allclose(moved @ volume[0] @ moved, area_mm2 * np.trace(strain) ** 2, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_more_relaxing_layers_relax_more_and_all_of_them_as_their_shear_modulus_at_most():
     soft = LAYERS[:4]
     lasting = [

@@ -143,6 +143,7 @@ def half_space_grid(radius_nodes, spacing_mm):
     )
 
 
+@pytest.mark.slow
 def test_a_sphere_on_a_half_space_is_hertz():
     modulus, radius_mm, depth_mm = 2.0 / (1 - 0.3**2), 4.0, 0.05
     compliance, x_mm, z_mm = half_space_grid(12, 0.05)
@@ -335,6 +336,7 @@ def test_a_touch_on_ridges_is_read_back_as_it_was_written(tmp_path):
     assert isinstance(read.contact.nodes.pad, RidgedPad)
 
 
+@pytest.mark.slow
 def test_ridges_shake_pc_as_a_grating_slides_over_them():
     """Ridges 0.44 mm apart meet an edge 180 times a second at 80 mm/s (Scheibert et al. 2009)."""
     slide = Trajectory.slide(80.0, press_n=0.3, direction_deg=90, duration_ms=150)

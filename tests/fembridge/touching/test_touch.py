@@ -265,7 +265,7 @@ def test_parameters_of_other_mechanics_warn_in_a_touch_and_in_a_field():
 # ---- The result as an object and as files
 
 
-@pytest.mark.parametrize("kind", ["press", "slide", "pins"])
+@pytest.mark.parametrize("kind", ["press", pytest.param("slide", marks=pytest.mark.slow), "pins"])
 def test_a_touch_is_read_back_as_it_was_written(tmp_path, kind):
     table = pandas.DataFrame({"x_mm": [0.0, 1.5], "z_mm": 0.0, "diameter_mm": 1.0})
     table["stimulus"] = ["sine_20_250", "sine_40_100"]
@@ -319,7 +319,7 @@ def test_the_record_of_a_touch_names_all_of_its_inputs():
 
 
 def test_a_touch_and_a_field_are_shown_in_a_few_lines():
-    touched = fb.touch(press_um=100, population="fingertip")
+    touched = fb.touch(press_um=100, population="line:step_mm=2")
     assert len(repr(touched).splitlines()) <= 5 and "RA" in repr(touched)
     assert "<img" in touched._repr_html_()
     field = fb.receptive_field("SA", depth_um=[200], step_mm=2.0)
@@ -329,7 +329,7 @@ def test_a_touch_and_a_field_are_shown_in_a_few_lines():
 def test_a_field_is_read_back_as_it_was_written(tmp_path):
     """Also the least sensitive units, ten times whose threshold is too deep."""
     field = fb.receptive_field(
-        "RA", units=31, depth_um=[100, 300], times_threshold=[10.0], step_mm=1.0
+        "RA", units=31, depth_um=[100, 300], times_threshold=[10.0], step_mm=2.0
     )
     assert np.isnan(field.depth_um).any()
     field.write(tmp_path)
@@ -413,6 +413,7 @@ def test_a_path_beside_the_pad_touches_nothing():
     assert not touched.force_n.any() and not touched.fired.time_ms.size
 
 
+@pytest.mark.slow
 def test_a_height_map_that_slides_away_says_when_it_ends():
     """Half of 8 mm at 80 mm/s from the middle of the pad, which is where it was pressed."""
     heights = np.zeros((80, 80))
@@ -452,7 +453,7 @@ def test_contact_at_the_end_of_the_skin_warns_with_its_place():
         ("dots:diameter_mm=0.3", 0.3),
     ],
 )
-@pytest.mark.parametrize("angle_deg", [0.0, 33.0])
+@pytest.mark.parametrize("angle_deg", [pytest.param(0.0, marks=pytest.mark.slow), 33.0])
 def test_parts_narrower_than_the_nodes_resolve_warn(shape, width, angle_deg):
     """Flat parts and the grooves between them, however they are turned."""
     brief = {"trajectory": BRIEF, "population": "one_each", "ridges": "none"}
@@ -466,11 +467,16 @@ def test_parts_narrower_than_the_nodes_resolve_warn(shape, width, angle_deg):
 @pytest.mark.parametrize(
     "shape",
     [
-        "punch", "punch:diameter_mm=0.5", "sphere:diameter_mm=1", "cylinder:diameter_mm=1",
-        "plate", "edge", "bar", "bar:width_mm=0.5", "grating", "dots", "braille:text=b",
-        "letters:text=R",
+        *("punch:diameter_mm=0.5", "letters:text=R"),
+        *(
+            pytest.param(shape, marks=pytest.mark.slow)
+            for shape in (
+                *("punch", "sphere:diameter_mm=1", "cylinder:diameter_mm=1", "plate", "edge"),
+                *("bar", "bar:width_mm=0.5", "grating", "dots", "braille:text=b"),
+            )
+        ),
     ],
-)  # fmt: skip
+)
 def test_shapes_that_the_nodes_resolve_do_not_warn(shape):
     for place, press_um in (((0.0, 0.0), 50), ((0.06, 0.11), 700)):
         trajectory = Trajectory.press(press_um, hold_ms=5)
@@ -492,11 +498,16 @@ def test_a_height_map_with_narrow_parts_warns(tmp_path):
             )
 
 
-def test_more_than_a_millimetre_deep_warns_with_the_depth():
-    with pytest.warns(FembridgeWarning, match="1100 um deep"):
-        fb.touch("sphere", Trajectory.press(1100, hold_ms=5), population="one_each")
-    with pytest.warns(FembridgeWarning, match="um deep"):
-        fb.touch("braille:text=b", Trajectory.press(press_n=0.4, hold_ms=5), population="one_each")
+@pytest.mark.parametrize(
+    ("shape", "press", "words"),
+    [
+        ("sphere", {"press_um": 1100}, "1100 um deep"),
+        pytest.param("braille:text=b", {"press_n": 0.4}, "um deep", marks=pytest.mark.slow),
+    ],
+)
+def test_more_than_a_millimetre_deep_warns_with_the_depth(shape, press, words):
+    with pytest.warns(FembridgeWarning, match=words):
+        fb.touch(shape, Trajectory.press(**press, hold_ms=5), population="one_each")
 
 
 def test_a_field_warns_once_of_its_depth_and_its_probe():
@@ -506,6 +517,7 @@ def test_a_field_warns_once_of_its_depth_and_its_probe():
     assert {str(each.message).split()[0] for each in warned} == {"1500", "punch"}
 
 
+@pytest.mark.slow
 def test_pictures_are_drawn_by_name_on_own_axes_and_others_refused():
     touched = fb.touch("punch", Trajectory.press(200, hold_ms=50), population="one_each")
     panels = {"pad": (3, 4), "raster": (4,), "psth": (3,), "isi": (3,), "force": (1,)}
@@ -557,6 +569,7 @@ def test_the_pin_of_the_fit_drives_the_middle_ending_most():
         assert_allclose(stress, alone, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_sa_fires_at_edges_several_times_more_than_on_plateaus_and_not_in_gaps_or_beside():
     """Single endings; and under the pin of the fit a unit answers as to von Mises stress."""
     parameters = parameter_set("fitted_pad")
@@ -601,7 +614,9 @@ def test_what_sa_reads_is_pressure_and_a_share_of_tension_along_the_skin():
             assert_allclose(found[s, u], max(read, 0.0), rtol=1e-4, atol=1e-5)
 
 
-@pytest.mark.parametrize("name", ["SA", "RA", "PC"])
+@pytest.mark.parametrize(
+    "name", ["PC", *(pytest.param(each, marks=pytest.mark.slow) for each in ("SA", "RA"))]
+)
 def test_a_field_grows_with_depth_around_the_afferent(name):
     field = fb.receptive_field(
         name, units=3, depth_um=[100, 200, 400], times_threshold=[], step_mm=0.5
@@ -624,6 +639,7 @@ def test_a_single_ending_has_a_field_that_is_its_own_mirror_image():
     assert field.hot_spots.tolist() == [1]
 
 
+@pytest.mark.slow
 def test_a_threshold_is_where_the_first_impulse_is():
     field = fb.receptive_field("SA", units=3, depth_um=[100], step_mm=0.5)
     for share, is_reached in ((0.98, False), (1.02, True)):
@@ -647,6 +663,7 @@ def test_a_multiple_of_threshold_is_a_depth_of_each_unit_or_too_deep():
     assert_allclose(field.depth_um[:2, 1], 22 * field.threshold_um[:2])
 
 
+@pytest.mark.slow
 def test_fields_at_a_multiple_of_threshold_are_about_as_large_as_in_man():
     """Medians of Vallbo & Johansson 1980 at 4 to 5 times threshold: SA 11.0, RA 12.6 mm2."""
     shared = {"units": 15, "depth_um": [], "times_threshold": [4.5], "step_mm": 0.38}
@@ -661,6 +678,7 @@ def test_fields_at_a_multiple_of_threshold_are_about_as_large_as_in_man():
     assert_allclose(branched["threshold_um"], point["threshold_um"], rtol=0.05)
 
 
+@pytest.mark.slow
 def test_few_traces_give_the_field_that_every_trace_gives(monkeypatch):
     for name, tolerance in (("SA", 0.0), ("PC", 0.02)):
         shared = {"units": 2, "depth_um": [200, 400], "times_threshold": [], "step_mm": 0.5}
@@ -675,6 +693,7 @@ def test_few_traces_give_the_field_that_every_trace_gives(monkeypatch):
         assert np.abs(few.impulses - every.impulses)[inside].mean() < 0.15
 
 
+@pytest.mark.slow
 def test_probes_around_that_hold_the_skin_make_a_step_of_the_probe_stronger():
     """The contact of all pins at once, by the heights of their ends."""
     background_um, step_um, pixel_mm = 400.0, 60.0, 0.05
@@ -754,7 +773,7 @@ def test_a_field_of_nothing_is_refused(name, values):
 # ---- Parts of a touch
 
 
-@pytest.mark.parametrize("scanned", [False, True])
+@pytest.mark.parametrize("scanned", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_stress_and_spikes_do_not_depend_on_how_many_samples_are_taken_at_a_time(
     monkeypatch, scanned
 ):
