@@ -186,7 +186,8 @@ def test_flattened_skin_is_pressed_straight():
     loads[1] = random_loads(2)[1] ** 2
     turned = SHEET.further_loads(loads, loads[1]) - SHEET.further_loads(loads, 0 * loads[1])
     down_mm = SHEET.down_mm(SHEET._even(loads))
-    expected = SHEET._even(np.stack([loads[1], loads[1]]) * SHEET.beside_n(np.ones_like(down_mm), down_mm))
+    slopes = SHEET.beside_n(np.ones_like(down_mm), down_mm)
+    expected = SHEET._even(loads[1] * slopes)
     assert_allclose(turned[[0, 2]], expected, atol=1e-9 * np.abs(expected).max())
     assert_allclose(turned[1], 0, atol=1e-12 * np.abs(loads).max())
 
