@@ -110,11 +110,11 @@ def _wrapped_command(line: str, width: int) -> list[str]:
 
     An option stays in one line with its first value.
     """
-    words = re.findall(r"""(?:[^\s'"]|'[^']*'|"[^"]*")+""", line)
+    arguments = re.findall(r"""(?:[^\s'"]|'[^']*'|"[^"]*")+""", line)
     parts: list[str] = []
-    for before, word in zip(["", *words], words, strict=False):
-        is_value = before.startswith("-") and not word.startswith("-")
-        parts[len(parts) - is_value :] = [f"{before} {word}" if is_value else word]
+    for before, argument in zip(["", *arguments], arguments, strict=False):
+        is_value = before.startswith("-") and not argument.startswith("-")
+        parts[len(parts) - is_value :] = [f"{before} {argument}" if is_value else argument]
     indent = " " * (len(line) - len(line.lstrip()))
     lines = [indent + parts[0]]
     for rest, part in zip(range(len(parts) - 2, -1, -1), parts[1:], strict=True):
