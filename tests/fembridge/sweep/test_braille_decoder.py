@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("sklearn")
 ROOT = Path(__file__).parents[3]
 SCRIPT = ROOT / "docs" / "examples_long" / "braille_decoder.py"
 
@@ -16,6 +15,7 @@ SCRIPT = ROOT / "docs" / "examples_long" / "braille_decoder.py"
 def test_the_decoder_reads_letters_at_places_it_has_not_seen_and_shuffled_labels_are_chance(
     tmp_path,
 ):
+    pytest.importorskip("sklearn")
     words = [sys.executable, str(SCRIPT), "--letters", "abcd", "--places", "10", "--jobs", "1"]
     done = subprocess.run(
         words,
