@@ -4,7 +4,8 @@
 some repeats, which other work on the machine disturbs least; of TouchSim (Saal et al. 2017), in
 turn, where it can be imported (it has no licence, and is for comparing only). All is the default:
 ridged skin, `fitted_pad` at 0.1 ms. Ratios hold with one thread (OMP_NUM_THREADS=1);
-``python -m benchmarks.touch threads`` compares one thread with all.
+``python -m benchmarks.touch threads`` compares one thread with all, ``loop`` has touches of one
+shape in a loop alone.
 """
 
 import os
@@ -19,12 +20,12 @@ import numpy as np
 from decks.stimuli import resolve
 from decks.synthesis import make_stimulus
 from fembridge.touching.contact import ContactSolver, blas_threads
-from fembridge.touching.large_strain import SMALL_UM
+from fembridge.touching.kept_states import drop_states
 from fembridge.touching.pad_file import resolve_pad
 from fembridge.touching.population import Population
 from fembridge.touching.ridged_pad import with_ridges
 from fembridge.touching.shape import Shape
-from fembridge.touching.touch import touch_skin
+from fembridge.touching.touch import touch, touch_skin
 from fembridge.touching.trajectory import PinArray, Trajectory
 from neural import parameter_set
 from neural.compiled import compile_for
@@ -138,21 +139,26 @@ def five_jobs():
 
 
 def loop_table(count=200):
-    """One shape pressed `count` times, to another depth each."""
-    units = Population.fingertip()
-    depths_um = np.linspace(100, 500, count)
-    is_shallow = depths_um <= SMALL_UM
-    for name, shape in (("a punch", Shape.punch()), ("braille b", Shape.braille("b"))):
-        taken = []
-        for depth_um in depths_um:
-            begin = time.process_time()
-            touched(shape, Trajectory.press(press_um=float(depth_um)), units)()
-            taken.append(time.process_time() - begin)
-        shallow, deep = (np.median(np.array(taken)[some]) for some in (is_shallow, ~is_shallow))
-        print(
-            f"{count} presses of {name}: {sum(taken):.1f} s; median up to 300 um {shallow:.3f} s, "
-            f"deeper {deep:.3f} s"
-        )
+    """One shape in a loop of `count` touches: to other depths or forces, or at other places."""
+    along = np.linspace(0, 1, count)
+    loops = {
+        "50 to 300 um": [{"press_um": 50 + 250 * share} for share in along],
+        "100 to 500 um": [{"press_um": 100 + 400 * share} for share in along],
+        "20 to 200 mN": [{"press_n": 0.02 + 0.18 * share} for share in along],
+        "200 um at as many places": [
+            {"press_um": 200.0, "at_mm": (-3 + 6 * share, 2 - 4 * share)} for share in along
+        ],
+    }
+    print(f"\nseconds of processor of {count} touches in a loop, and the median of one")
+    for name, presses in loops.items():
+        for shape in ("punch", "braille:text=b"):
+            drop_states()
+            taken = []
+            for press in presses:
+                begin = time.process_time()
+                touch(shape, **press)
+                taken.append(time.process_time() - begin)
+            print(f"{shape:16}{name:26}{sum(taken):6.1f}{median(taken):8.4f}", flush=True)
 
 
 def threads_table():
@@ -181,6 +187,11 @@ def main():
     warnings.simplefilter("ignore")
     if sys.argv[1:] == ["threads"]:
         threads_table()
+        return
+    if sys.argv[1:] == ["loop"]:
+        for press_um in (200, 200, 200, 400):  # as after some touches
+            touch(press_um=press_um)
+        loop_table()
         return
     five_jobs()
     loop_table()

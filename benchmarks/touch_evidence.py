@@ -93,7 +93,7 @@ def rows(validation):
         if isinstance(first["missing"], str):
             if afferent == sets[name].afferents[0]:
                 head[1] = ", ".join(sets[name].afferents)
-                lines.append([*head, "0", "no data: " + first["missing"], "", "", ""])
+                lines.append([*head, "0", "no data", "", "", ""])
             continue
         sources = (validation.judged, FINGERTIP, TOUCHSIM, OUYANG_SOURCE)
         cells = [agreement_text(by_source.get(source)) for source in sources]

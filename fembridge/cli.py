@@ -442,13 +442,13 @@ def _unknown_option(
             if name in _options_of(child) and name not in _EVERYWHERE
         ]
     options = [option_name(action) for action in parser._actions if action.option_strings]
-    own = [option for option in dict.fromkeys(options) if option not in _EVERYWHERE]
-    expected = ", ".join(own)
+    listed = [option for option in dict.fromkeys(options) if option not in _EVERYWHERE]
+    expected = ", ".join(listed)
     problem = f"is no option of {parser.prog}"
     if owners:
         more = f" and {len(owners) - _MOST_OWNERS} more" if len(owners) > _MOST_OWNERS else ""
         problem += f", but of {', '.join(owners[:_MOST_OWNERS])}{more}"
-    if own and len(own) <= _MOST_LISTED:
+    if listed and len(listed) <= _MOST_LISTED:
         problem += f"; expected {expected}"
     problem += f"; see {parser.prog} --help"
     problem += near_hint(f"--{name.lstrip('-')}", options)
@@ -579,11 +579,11 @@ class _HelpFormatter(argparse.RawDescriptionHelpFormatter):
             required = [action for action in actions if action.required and action.option_strings]
             positional = [action for action in actions if not action.option_strings]
             usage = super()._format_usage(None, [*required, *positional], [], "").strip()
-            words = f"{usage} [options]".split(" ")
-            usage, room = words[0], self._width - len("usage: ")
-            for word in words[1:]:
-                is_full = len(usage.rpartition("\n")[2]) + len(word) >= room
-                usage += f"\n{' ' * len('usage: ')}{word}" if is_full else f" {word}"
+            usage_parts = f"{usage} [options]".split(" ")
+            usage, room = usage_parts[0], self._width - len("usage: ")
+            for part in usage_parts[1:]:
+                is_full = len(usage.rpartition("\n")[2]) + len(part) >= room
+                usage += f"\n{' ' * len('usage: ')}{part}" if is_full else f" {part}"
         return super()._format_usage(usage, actions, groups, prefix)
 
 

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 from fembridge.errors import ParameterError, TraceError
 from fembridge.host.progress import advance
 from fembridge.typing import BoolArray, FloatArray, IntArray
-from neural.compiled import compile_for
-from neural.filters import LEVELS, RISES, Past, checked_stress
+from neural.compiled import compile_for, compiled
+from neural.filters import LEVELS, RISES, Past, checked_stress, stress_rate
 from neural.lif import Membrane, State, fire
 from neural.models import SAMPLES_AROUND, model_of
 from neural.parameters import AfferentParameters, Parameters, quantiles
@@ -526,6 +526,21 @@ def membrane_currents(
     for units of one cell each.
     """
     model = model_of(parameters)
+    if (
+        model.filters == (stress_rate,)
+        and derivative == "backward"
+        and stress.ndim == 2
+        and np.shape(stress_factors) == (1, *stress.shape[1:])
+        and (multiply := compiled(_multiply_rises))
+    ):
+        of_membranes = model.membrane_coefficients(parameters.by_name())
+        scaled = [each.scaled_for_cell(stress_factors[0]) for each in of_membranes]
+        if all(each.halves is None for each in scaled):
+            gains = np.stack([each.gains()[0] for each in scaled])
+            rises = checked_stress(stress, parameters.dt_ms)
+            current = np.empty((len(stress), len(gains), 1, stress.shape[1]))
+            multiply(np.ascontiguousarray(rises), parameters.dt_ms, gains, current[:, :, 0])
+            return current
     filtered = model.filtered(stress, parameters.dt_ms, derivative, pasts)
     columns = [quantity.reshape(len(quantity), -1) for quantity in filtered]
     membrane_coefficients = model.membrane_coefficients(parameters.by_name())
@@ -538,6 +553,18 @@ def membrane_currents(
                 columns
             )
     return current
+
+
+def _multiply_rises(
+    stress: FloatArray, dt_ms: float, gains: FloatArray, current: FloatArray
+) -> None:
+    """`stress_rate` ``(T, unit)`` times `gains` ``(membrane, unit)``: the current of each."""
+    current[0] = 0.0 * gains
+    for row in range(1, stress.shape[0]):
+        for membrane in range(gains.shape[0]):
+            for k in range(stress.shape[1]):
+                rise = (stress[row, k] - stress[row - 1, k]) / dt_ms
+                current[row, membrane, k] = gains[membrane, k] * rise
 
 
 def _membrane(parameters: AfferentParameters) -> Membrane:

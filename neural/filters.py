@@ -21,6 +21,7 @@ After three still samples the rest is known, and the onset counts.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import accumulate
 
@@ -194,6 +195,9 @@ def corpuscle(
     outside the part are 0.
     """
     passed = checked_stress(stress_pa, dt_ms, derivative)
+    follow = compiled(_follow_corpuscle) if CORPUSCLE_POWER == 0.5 else None
+    if follow and not (past and past.stages):  # not begun without
+        return _corpuscle_at_once(follow, passed, dt_ms, past or Past(count=len(passed)))
     for number in range(HIGH_PASSES + LOW_PASSES):
         stage = None if past is None else past.stage(number)
         if number < HIGH_PASSES:
@@ -205,11 +209,32 @@ def corpuscle(
     return size
 
 
+def _corpuscle_at_once(
+    follow: Callable[..., None], stress: FloatArray, dt_ms: float, past: Past
+) -> FloatArray:
+    """`corpuscle` by the loop `follow` over all stages: each number is read and written once."""
+    inputs = stress[past.before : past.before + past.count]
+    flat = np.ascontiguousarray(inputs).reshape(len(inputs), -1)
+    is_first = past.value is None
+    if past.value is None:  # inputs and outputs of all stages
+        past.value = np.zeros((2, HIGH_PASSES + LOW_PASSES, flat.shape[1]))
+    poles = _low_pass(CORPUSCLE_HIGH_HZ, dt_ms), _low_pass(CORPUSCLE_LOW_HZ, dt_ms)
+    outputs = np.zeros_like(stress)
+    columns = outputs.reshape(len(outputs), -1)[past.before : past.before + len(inputs)]
+    follow(flat, *poles[0], *poles[1], is_first, *past.value, columns)
+    return outputs
+
+
+def _low_pass(pole_hz: float, dt_ms: float) -> tuple[float, float]:
+    """Share of the input, now and a step before, and of the output before (trapezoidal rule)."""
+    half = math.pi * pole_hz * dt_ms / 1000.0
+    return half / (1.0 + half), (1.0 - half) / (1.0 + half)
+
+
 def _low_passed(values: FloatArray, pole_hz: float, dt_ms: float, past: Past | None) -> FloatArray:
     """`values` through a low pass of one pole (trapezoidal rule)."""
-    half = math.pi * pole_hz * dt_ms / 1000.0
-    share = half / (1.0 + half)
-    return _one_pole(values, share, share, (1.0 - half) / (1.0 + half), past)
+    share, kept = _low_pass(pole_hz, dt_ms)
+    return _one_pole(values, share, share, kept, past)
 
 
 def _one_pole(
@@ -290,6 +315,47 @@ def _follow(
         for k in range(inputs.shape[1]):
             fed = share * inputs[row, k] + share_before * inputs[row - 1, k]
             outputs[row, k] = (fed + kept * outputs[row - 1, k] + _FLUSH) - _FLUSH
+
+
+def _follow_corpuscle(
+    inputs: FloatArray,
+    high_share: float,
+    high_kept: float,
+    low_share: float,
+    low_kept: float,
+    is_first: bool,
+    before: FloatArray,
+    output_before: FloatArray,
+    outputs: FloatArray,
+) -> None:
+    """The stages of `corpuscle` as a loop; `inputs` and `outputs` are ``(T, column)``.
+
+    `before` and `output_before` ``(stage, column)`` are changed to those of the last row; at the
+    first row of a trace they are made.
+    """
+    stages, count = before.shape
+    passed = np.empty(count)
+    for row in range(inputs.shape[0]):
+        for k in range(count):
+            passed[k] = inputs[row, k]
+        for stage in range(stages):
+            is_high = stage < HIGH_PASSES
+            share = high_share if is_high else low_share
+            kept = high_kept if is_high else low_kept
+            if is_first and row == 0:
+                settled = (share + share) / (1.0 - kept)
+                for k in range(count):
+                    before[stage, k] = passed[k]
+                    output_before[stage, k] = settled * passed[k]
+            for k in range(count):
+                fed = share * passed[k] + share * before[stage, k]
+                output = (fed + kept * output_before[stage, k] + _FLUSH) - _FLUSH
+                before[stage, k] = passed[k]
+                output_before[stage, k] = output
+                passed[k] = passed[k] - output if is_high else output
+        for k in range(count):
+            root = np.sqrt(np.abs(passed[k]))
+            outputs[row, k] = -NEGATIVE_SHARE * root if passed[k] < 0.0 else root
 
 
 def checked_stress(

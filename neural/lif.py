@@ -151,14 +151,14 @@ def fire(
     flat = current.reshape(len(current), -1)
     count = flat.shape[1]
     current_state = state or State.at_rest(count)
+    if step := compiled(_fire_rows):
+        return _fire_compiled(step, flat, membrane, current_state, current.shape[1:])
     constants = Membrane(
         *(
             np.broadcast_to(constant, current.shape[1:]).reshape(-1)
             for constant in membrane.constants()
         )
     )
-    if step := compiled(_fire_rows):
-        return _fire_compiled(step, flat, constants, current_state)
     if count <= _MAX_ONE_BY_ONE:
         return _fire_each(flat, constants, current_state)
     spikes_by_row = [spikes for spikes, _ in spiking(flat, constants, current_state)]
@@ -256,15 +256,22 @@ def _fire_compiled(
     current: FloatArray,
     membrane: Membrane,
     state: State,
+    shape: tuple[int, ...],
 ) -> tuple[IntArray, IntArray]:
-    """`fire` by the compiled loop `step`."""
+    """`fire` by the compiled loop `step`; constants broadcast to `shape`."""
     decay, threshold, refractory, clamped, jump, kept_share, turns, *fatigue = membrane.constants()
     lowest, turn = (np.where(flags, 0.0, -np.inf) for flags in (clamped, turns))
-    values = np.stack([decay, threshold, jump, kept_share, lowest, turn, *fatigue])
+    values = np.empty((8, *shape))
+    for row, constant in zip(
+        values, (decay, threshold, jump, kept_share, lowest, turn, *fatigue), strict=True
+    ):
+        row[...] = constant
+    rests = np.empty(shape, np.int64)
+    rests[...] = refractory
     rows, membranes = step(
         np.ascontiguousarray(current, dtype=np.float64),
-        values.astype(np.float64),
-        np.ascontiguousarray(refractory, dtype=np.int64),
+        values.reshape(len(values), -1),
+        rests.reshape(-1),
         state.potential,
         state.raised,
         state.rest,

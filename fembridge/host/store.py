@@ -542,10 +542,15 @@ class _FieldError(Exception):
 
 def _has_scalars_only(kind: type) -> bool:
     """Whether `kind` is a dataclass of numbers, texts and truth values, which need no cattrs."""
-    if not is_dataclass(kind):
-        return False
-    hints = get_type_hints(kind)
-    return all(field.init and hints[field.name] in _SCALARS for field in fields(kind))
+    if kind not in _scalars_only:
+        hints = get_type_hints(kind) if is_dataclass(kind) else {}
+        _scalars_only[kind] = is_dataclass(kind) and all(
+            field.init and hints[field.name] in _SCALARS for field in fields(kind)
+        )
+    return _scalars_only[kind]
+
+
+_scalars_only: dict[type, bool] = {}
 
 
 def _structure_scalars(table: object, kind: type[_Value]) -> _Value:

@@ -110,11 +110,11 @@ def _wrapped_command(line: str, width: int) -> list[str]:
 
     An option stays in one line with its first value.
     """
-    words = re.findall(r"""(?:[^\s'"]|'[^']*'|"[^"]*")+""", line)
+    arguments = re.findall(r"""(?:[^\s'"]|'[^']*'|"[^"]*")+""", line)
     parts: list[str] = []
-    for before, word in zip(["", *words], words, strict=False):
-        is_value = before.startswith("-") and not word.startswith("-")
-        parts[len(parts) - is_value :] = [f"{before} {word}" if is_value else word]
+    for before, argument in zip(["", *arguments], arguments, strict=False):
+        is_value = before.startswith("-") and not argument.startswith("-")
+        parts[len(parts) - is_value :] = [f"{before} {argument}" if is_value else argument]
     indent = " " * (len(line) - len(line.lstrip()))
     lines = [indent + parts[0]]
     for rest, part in zip(range(len(parts) - 2, -1, -1), parts[1:], strict=True):
@@ -296,10 +296,15 @@ class Bars:
 
 
 class TaskBars(Bars):
-    """A bar for each task of a computation, called as `fembridge.host.progress.Show`."""
+    """A bar for each task of a computation, called as `fembridge.host.progress.Show`.
+
+    Without a terminal nothing is written: tasks are many and short, unlike runs of the solver.
+    """
 
     def __call__(self, task: str, share: float) -> None:
         """Move the bar of `task`; take it away when it is done."""
+        if not self.on_terminal:
+            return
         if share < 1:
             self.show(task, share)
         else:

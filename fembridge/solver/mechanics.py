@@ -6,6 +6,7 @@ sizes of the fingerprint ridges. The probe is not compared: a pad is there for a
 
 import logging
 from collections.abc import Collection, Mapping
+from functools import cache
 
 from decks.presets import PRESETS, finger_table
 from fembridge.errors import warn
@@ -62,8 +63,7 @@ def fit_mismatch(
     """
     differences, fitted = [], parameters.mechanics
     if fitted:
-        preset = PRESETS.get(fitted["name"])
-        reference = {**(finger_id(finger_table(preset)) if preset else {}), **fitted}
+        reference = {**_preset_id(fitted["name"]), **fitted}
         is_other = any(
             mechanics.get(key) != reference[key] for key in reference.keys() & {"name", "sha256"}
         )
@@ -81,6 +81,13 @@ def fit_mismatch(
     if not differences:
         return ""
     return f"parameter set {parameters.name} was fitted {' and '.join(differences)}"
+
+
+@cache
+def _preset_id(name: str) -> Mapping[str, str]:
+    """Name and digest of a preset; nothing of another name."""
+    preset = PRESETS.get(name)
+    return finger_id(finger_table(preset)) if preset else {}
 
 
 def _text(

@@ -21,6 +21,7 @@ import numpy as np
 
 from fembridge.errors import UsageError
 from fembridge.host.memory import check_memory
+from fembridge.host.progress import advance
 from fembridge.touching.contact import (
     DEEPEST_UM,
     MM_PER_UM,
@@ -242,6 +243,7 @@ def _shared_states(pad: Pad, shape: Shape, highest: float, *, by_force: bool) ->
             key = None if pad.pose else (*touched, top, is_large, by_force)
             make = partial(_states_up_to, pad, shape, top, is_large, by_force=by_force, key=key)
             states = kept(key, make, lambda made: made.nbytes)
+            advance("contact", 1.0)  # also if they were kept
             if states.large_strain is not None:  # fields on the pad, 50 MB, are those of a touch
                 states = replace(states, large_strain=replace(states.large_strain))
             return states
@@ -527,7 +529,11 @@ def contact_warnings(
         if trajectory.x_mm is not None and trajectory.z_mm is not None:
             sample = int(contact.knots[hardest])
             shape = shape.moved(float(trajectory.x_mm[sample]), float(trajectory.z_mm[sample]))
-        width_mm = narrow_part_mm(pad, shape, contact.nodes, contact.forces_n[hardest])
+        width_mm = kept(
+            contact.key and (contact.key, hardest, "narrow part"),
+            partial(narrow_part_mm, pad, shape, contact.nodes, contact.forces_n[hardest]),
+            getsizeof,
+        )
         narrow = narrow_warning(pad, shape.name, width_mm)
     end = end_warning(pad, contact.nodes, contact.forces_n[: contact.reached])
     deep = depth_warning(depth_um, large=contact.large_strain is not None)

@@ -47,9 +47,9 @@ def depth_warning(depth_um: float, *, large: bool = False) -> str | None:
             "forces are 10 % and more off, stress in the epidermis under a wide shape a factor of 2"
         )
     return (
-        f"{depth_um:.0f} um deep, computed with large strain: compared with whole contact runs, "
-        "forces are within 8 % and stress under a plate mostly within 20 %, under a ball of 5 mm "
-        "up to 40 % low"
+        f"{depth_um:.0f} um deep, computed with large strain: compared with whole contact runs "
+        "of the human finger, forces are within 8 % and stress under a plate mostly within 20 %, "
+        "under a ball of 5 mm up to 40 % low"
     )
 
 

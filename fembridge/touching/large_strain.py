@@ -1,4 +1,4 @@
-"""Large strain under a deep touch: rotations of the stiff skin, and pulp that stiffens.
+"""Large strain under a deep touch: skin and contact that turn, and pulp that stiffens.
 
 Superposition of unit forces is that of small strain. What a deep touch adds is computed as further
 loads on the same Green's functions, so that a pad needs no more numbers:
@@ -13,6 +13,9 @@ loads on the same Green's functions, so that a pad needs no more numbers:
 
   on the gradients of displacement, exact for a sheet of Hooke's law of Green's strain
   (von Karman's plate with all of its terms). S0 acts in the middle of the sheet.
+- *Contact that turns.* A shape without friction presses along the normal of the pressed skin: with
+  each force into the skin come forces along x and z, its slope times as large. A ball pushes the
+  skin below it outward and stretches it.
 - *Pulp that stiffens.* A column of tissue of height H between skin and bone, compressed by w,
   pushes back by the pressure ``PRESSURE M e^PRESSURE_POWER`` more than superposition says; e is
   w / H, averaged over `SPREAD_MM`, M the modulus of the tissue that cannot move aside. Within the
@@ -265,9 +268,10 @@ class _DeepTouch:
             forces, depth_mm = self.contact.press_by(gap_mm, level, by_force=by_force)
             total_n, depth_um = float(forces.sum()), max(depth_mm / MM_PER_UM, 0.0)
             _check_range(total_n, depth_um, 1.3)  # on the way it may be deeper
-            loads = further + self._between.on_pad(forces)
+            contact = self._between.on_pad(forces)
+            loads = further + contact
             share = share_of_large_strain(depth_um)
-            change = (share * sheet.further_loads(loads) if share else 0.0) - further
+            change = (share * sheet.further_loads(loads, contact[1]) if share else 0.0) - further
             scale_n = max(total_n, float(np.abs(further).sum()))
             error = float(np.abs(change).sum()) / max(scale_n, 1e-300)
             if error < least:
@@ -544,8 +548,11 @@ class SkinSheet:
 
     # ---- Large strain
 
-    def further_loads(self, loads: FloatArray) -> FloatArray:
-        """Loads that stand for the large strain under `loads` ``(3, N, R)`` in N."""
+    def further_loads(self, loads: FloatArray, contact_n: FloatArray) -> FloatArray:
+        """Loads ``(3, N, R)`` in N that stand for the large strain under `loads` of that shape.
+
+        `contact_n` ``(N, R)`` is the part of the loads into the skin that the shape presses with.
+        """
         loads = self._even(loads)
         down_mm = self.down_mm(loads)
         initial, membrane, strain, turn = self._sheet_strain(loads, down_mm)
@@ -565,9 +572,21 @@ class SkinSheet:
         x_n = self._divergence(along_s[0] * ny + up_s * nx, along_z[0] * ny + up_z * nx)
         y_n = self._divergence(-along_s[0] * nx + up_s * ny, -along_z[0] * nx + up_z * ny)
         pressed_n = self.pressure_mpa(down_mm) * self._node_mm2
-        further = self._even(np.stack([x_n, -y_n, axial]))
+        beside_n = self.beside_n(contact_n, down_mm)
+        further = self._even(np.stack([x_n + beside_n[0], -y_n, axial + beside_n[1]]))
         further[1] -= pressed_n
         return further
+
+    def beside_n(self, contact_n: FloatArray, down_mm: FloatArray) -> FloatArray:
+        """Forces along x and z, ``(2, N, R)``, that come with forces into the pressed skin.
+
+        Without friction a shape presses along the normal of the pressed skin: with 1 N into the
+        skin comes its slope in N, outward in a hollow.
+        """
+        rise_mm = self.pad.y_mm[:, None] - down_mm
+        slope_x = np.gradient(rise_mm, self.pad.x_mm, axis=0)
+        slope_z = np.gradient(rise_mm, self.pad.spacing_mm, axis=1)
+        return np.stack([contact_n * slope_x, contact_n * slope_z])
 
     def _even(self, loads: FloatArray) -> FloatArray:
         """Loads ``(3, N, R)`` without waves that are too short for a sheet."""

@@ -401,7 +401,11 @@ class PrismPad(Pad):
     def mechanics(self) -> dict[str, str]:
         """Name and digest of the finger; ``ridges`` is ``none`` where it has none of its own."""
         ridges = {} if self.plane or self.finger.ridges.height_mm else {"ridges": "none"}
-        return {**finger_id(self.model_table), **ridges}
+        return {**self._finger_id, **ridges}
+
+    @cached_property
+    def _finger_id(self) -> dict[str, str]:
+        return finger_id(self.model_table)
 
     @property
     def model_table(self) -> dict[str, Any]:

@@ -18,7 +18,8 @@ rates were recorded with. `fembridge.touching.pad_probe` has the map of it that 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,6 +32,9 @@ from fembridge.touching.population import Population
 from fembridge.touching.shape import Shape
 from fembridge.typing import FloatArray, IntArray, SingleArray
 
+if TYPE_CHECKING:
+    from scipy.interpolate import PchipInterpolator
+
 SA_NU = 0.07
 # The pin, and how deep it is where k is found.
 PIN_MM, _PIN_UM = 1.0, 200.0
@@ -40,6 +44,8 @@ _BLOCK = 4_000_000
 _STATES = 128
 # Of a contact of so few states the stress of all of them is kept, and interpolated as needed.
 _FEW_STATES = 64
+# Values of states are copied where a shape stands if it has so few places of all its samples.
+_FEW_PLACES = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,12 +68,12 @@ class ContactStress:
         """Function of a first and an end sample that returns the stress of the units `rows`."""
         knots, position, key = self.contact.knots, self.contact.position, self.contact.key
         if knots.size <= _FEW_STATES:
-            all_states = kept(
+            curve = kept(
                 key and (key, self.pad, self.units, rows.tobytes()),
-                lambda: self._at_states(self.units[rows], 0, knots.size),
-                lambda stress: stress.nbytes,
+                lambda: StateCurve(knots, self._at_states(self.units[rows], 0, knots.size)),
+                lambda made: made.nbytes,
             )
-            return lambda first, last: interpolate_states(knots, all_states, position[first:last])
+            return lambda first, last: curve(position[first:last])
         units = self.units[rows]
 
         def part(first: int, last: int) -> FloatArray:
@@ -123,16 +129,40 @@ def _turns(drag: FloatArray) -> bool:
     return bool(np.abs(drag - drag[0]).max() >= 1e-6)
 
 
+class StateCurve:
+    """Values ``(S, ...)`` of states along a monotone cubic through them at rising `knots`."""
+
+    def __init__(self, knots: FloatArray, values: FloatArray | SingleArray) -> None:
+        self._knots, self._values = knots, values
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the values and of the cubics between them."""
+        return 5 * self._values.nbytes
+
+    @cached_property
+    def _cubic(self) -> "PchipInterpolator":
+        from scipy.interpolate import PchipInterpolator
+
+        return PchipInterpolator(self._knots, self._values, axis=0)
+
+    def __call__(self, position: FloatArray) -> FloatArray:
+        """Values at each `position` ``(T,)``, one after the other; where a shape stands, once."""
+        if np.array_equal(self._knots, position):
+            return np.asarray(self._values, dtype=np.float64)
+        places, number = np.unique(position, return_inverse=True)
+        if places.size > _FEW_PLACES * position.size:
+            samples: FloatArray = self._cubic(position)
+            return samples
+        at_places: FloatArray = self._cubic(places)
+        return at_places[number]
+
+
 def interpolate_states(
     knots: FloatArray, values: FloatArray | SingleArray, position: FloatArray
 ) -> FloatArray:
     """Values ``(S, ...)`` at rising `knots`, read at `position` along a monotone cubic."""
-    if np.array_equal(knots, position):
-        return np.asarray(values, dtype=np.float64)
-    from scipy.interpolate import PchipInterpolator
-
-    samples: FloatArray = PchipInterpolator(knots, values, axis=0)(position)
-    return samples
+    return StateCurve(knots, values)(position)
 
 
 def driving_stress_pa(

@@ -71,7 +71,8 @@ def test_version_is_printed_on_stdout(capsys):
     assert capsys.readouterr().out == f"fembridge {fembridge.__version__}\n"
 
 
-def test_without_a_verb_the_help_lists_every_verb(capsys):
+def test_without_a_verb_the_help_lists_every_verb(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "120")
     assert cli.main([]) == 0
     out = capsys.readouterr().out
     width = max(len(verb_name) for verb_name in cli.VERBS)

@@ -11,7 +11,7 @@ import fembridge as fb
 from fembridge.cli import main
 from fembridge.fitting.fit import SearchBar
 from fembridge.host.progress import Progress, advance, showing
-from fembridge.host.terminal import Bars, SolverBars, how_far
+from fembridge.host.terminal import Bars, SolverBars, TaskBars, how_far
 from neural.search import SearchProgress
 
 
@@ -122,6 +122,19 @@ def test_where_there_is_no_terminal_a_run_gets_a_line_now_and_then(capsys, monke
         "runs/next: 1%",
     ]
     assert lines[0].endswith("150 increments, 17 iterations, 0:01:10 left")
+
+
+def test_tasks_have_bars_on_a_terminal_and_no_lines_elsewhere(terminal, capsys, monkeypatch):
+    clock_s = [0.0]
+    monkeypatch.setattr("fembridge.host.terminal.perf_counter", lambda: clock_s[0])
+    with TaskBars() as bars:
+        for clock_s[0] in range(100):
+            bars("contact", clock_s[0] / 100)
+    assert capsys.readouterr().err == ""
+    stream = terminal()
+    with TaskBars(0) as bars:
+        bars("contact", 0.5)
+    assert "contact" in stream.getvalue()
 
 
 @pytest.mark.parametrize(

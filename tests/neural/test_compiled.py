@@ -11,7 +11,7 @@ from neural.compiled import compiled, jit
 from neural.encoder import encode_units
 from neural.lif import Membrane, State, fire
 
-MODULES = (filters, lif, time_step)
+MODULES = (encoder, filters, lif, time_step)
 
 
 def use(way, patch):
@@ -64,6 +64,22 @@ def test_filters_are_those_of_numpy(way, name, shape, monkeypatch):
     assert_allclose(
         filter_(stress_pa, 0.1), expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max()
     )
+
+
+def test_a_corpuscle_in_parts_is_that_of_numpy_to_the_last_bit(monkeypatch):
+    stress_pa = np.abs(np.random.default_rng(2).normal(5e3, 2e3, (300, 9))).cumsum(axis=0)
+    stress_pa[100:200] = stress_pa[100]
+    use("NumPy", monkeypatch)
+    expected = filters.corpuscle(stress_pa, 0.1)
+    use("compiled", monkeypatch)
+    past, found = filters.Past(), []
+    for first, last in ((0, 120), (120, 121), (121, 300)):
+        begin, end = max(0, first - 8), min(300, last + 8)
+        past.before, past.count = first - begin, last - first
+        part = filters.corpuscle(stress_pa[begin:end], 0.1, past=past)
+        assert not part[: past.before].any() and not part[past.before + past.count :].any()
+        found.append(part[past.before : past.before + past.count])
+    assert np.array_equal(np.concatenate(found), expected)
 
 
 @pytest.mark.parametrize("way", ["compiled", "plain loops"])

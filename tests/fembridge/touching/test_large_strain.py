@@ -86,7 +86,7 @@ def test_stress_of_sa_under_a_plate_is_that_of_whole_contact_runs(deep):
     _, stress_kpa, _, _, expected_kpa = deep
     if expected_kpa is None:
         pytest.skip("elements of 0.5 mm do not resolve a ball of 5 mm at SA")
-    assert_allclose(stress_kpa["SA"], list(expected_kpa.values()), rtol=0.17)
+    assert_allclose(stress_kpa["SA"], list(expected_kpa.values()), rtol=0.1)
 
 
 def test_small_touches_are_those_of_small_strain():
@@ -158,11 +158,38 @@ def test_further_loads_of_the_sheet_are_in_balance():
     """Forces within a sheet have no sum along the finger and, on even skin, none along it."""
     loads = random_loads(3)
     loads[1] = np.abs(loads[1])
-    further = SHEET.further_loads(loads)
+    further = SHEET.further_loads(loads, np.zeros(SHEET.shape[1:]))
     pressed_n = SHEET.pressure_mpa(SHEET.down_mm(SHEET._even(loads))) * SHEET._node_mm2
     further[1] += pressed_n
     sums = further.sum(axis=(1, 2))
     assert_allclose(sums, 0, atol=1e-9 * np.abs(further).sum())
+
+
+def test_a_ball_pushes_the_skin_below_it_outward():
+    """In a hollow of radius R a force F into the skin comes with F x / R and F z / R."""
+    radius_mm = 2.5
+    x_mm = PAD.x_mm[:, None]
+    z_mm = np.arange(-PAD.end_row, PAD.end_row + 1) * PAD.spacing_mm
+    hollow_mm = (x_mm**2 + z_mm**2) / (2 * radius_mm)
+    contact_n = np.random.default_rng(5).uniform(size=SHEET.shape[1:])
+    beside_n = SHEET.beside_n(contact_n, PAD.y_mm[:, None] - hollow_mm)
+    expected = np.stack([contact_n * x_mm, contact_n * z_mm]) / radius_mm
+    inner = (slice(None), slice(1, -1), slice(1, -1))
+    assert_allclose(beside_n[inner], expected[inner], rtol=1e-9, atol=1e-12)
+
+
+def test_flattened_skin_is_pressed_straight():
+    contact_n = np.ones(SHEET.shape[1:])
+    flat_mm = PAD.y_mm[:, None] + np.zeros(SHEET.shape[1:])
+    assert_allclose(SHEET.beside_n(contact_n, flat_mm), 0, atol=1e-12)
+    loads = np.zeros(SHEET.shape)
+    loads[1] = random_loads(2)[1] ** 2
+    turned = SHEET.further_loads(loads, loads[1]) - SHEET.further_loads(loads, 0 * loads[1])
+    down_mm = SHEET.down_mm(SHEET._even(loads))
+    slopes = SHEET.beside_n(np.ones_like(down_mm), down_mm)
+    expected = SHEET._even(loads[1] * slopes)
+    assert_allclose(turned[[0, 2]], expected, atol=1e-9 * np.abs(expected).max())
+    assert_allclose(turned[1], 0, atol=1e-12 * np.abs(loads).max())
 
 
 def test_a_turned_sheet_has_the_stress_of_green_s_strain():

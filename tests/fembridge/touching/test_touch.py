@@ -590,7 +590,7 @@ def test_sa_fires_at_edges_several_times_more_than_on_plateaus_and_not_in_gaps_o
     bar, gap = rates(Shape.bar(4.0, 14.0), points), rates(grating, points)
     # Beside a bar and in a gap a unit fires a few times while the shape comes.
     assert bar[3:6].max() > 1.6 * bar[:2].mean() > 16 and bar[7:].max() < 9
-    assert gap[0] < 9 and gap[3:5].min() > 1.25 * gap[6:8].mean() > 16
+    assert gap[0] < 11 and gap[3:5].min() > 1.25 * gap[6:8].mean() > 16
     # Fibres reach from the middle of a gap to its edges: their mean there is a third of it.
     classes = ["SA"] * 12 * len(after)
     fibres = Population.at(classes, np.tile(after.x_mm, 12), np.tile(after.z_mm, 12))
