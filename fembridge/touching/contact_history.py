@@ -10,7 +10,6 @@ level, are averaged over the time in which the shape moves by one node. Otherwis
 comes into contact would be a tap. On the fine grid of ridged skin nothing is averaged.
 """
 
-import math
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -23,10 +22,8 @@ from fembridge.errors import UsageError
 from fembridge.host.memory import check_memory
 from fembridge.host.progress import advance
 from fembridge.touching.contact import (
-    DEEPEST_UM,
     MM_PER_UM,
     MOST_UM,
-    STRONGEST_N,
     ContactSolver,
     PressBy,
     press_steps,
@@ -44,26 +41,18 @@ from fembridge.touching.friction import friction_shares, slid_before
 from fembridge.touching.grid_contact import GridContactSolver
 from fembridge.touching.kept_states import kept, shape_key
 from fembridge.touching.large_strain import (
-    SMALL_UM,
     LargeStrain,
     has_large_strain,
     is_deep,
     press_deep,
 )
 from fembridge.touching.pad import Pad, SkinNodes
+from fembridge.touching.press_levels import LEAST_N, LEAST_UM, levels_up_to, rung_of
 from fembridge.touching.relaxation import Relaxation, RelaxingContact, relaxation_of
 from fembridge.touching.shape import Shape
 from fembridge.touching.trajectory import PinArray, Trajectory
 from fembridge.typing import BoolArray, FloatArray, IntArray, SingleArray
 
-# A shape that goes in and out is solved at so many levels up to the top of a rung: 300 um, or 1 N,
-# times a power of 2. All touches of a rung share its states, and fall between the last of them.
-LEVELS = 27
-RUNGS_PER_DOUBLING = 5
-# Below these levels, um or N, states are those of a touch alone.
-_LEAST_UM, _LEAST_N = 0.1, 1e-5
-_RUNG = 2.0 ** (1 / RUNGS_PER_DOUBLING)
-_SHARES = (np.arange(LEVELS) / (LEVELS - 1)) ** 1.5
 _MAX_STRIDE = 20
 # Numbers in double precision of which a mean over steps is taken at a time.
 _NUMBERS_PER_BLOCK = 4_000_000
@@ -236,9 +225,9 @@ def _shared_states(pad: Pad, shape: Shape, highest: float, *, by_force: bool) ->
     Without a rung is what presses nothing, or where its top is beyond what can be solved.
     """
     touched = pad, shape_key(shape)
-    if highest >= (_LEAST_N if by_force else _LEAST_UM):
+    if highest >= (LEAST_N if by_force else LEAST_UM):
         try:
-            top, is_large = _rung(pad, shape, highest, by_force=by_force)
+            top, is_large = rung_of(pad, shape, highest, by_force=by_force)
             # A pad that is seen from a side is made anew for each touch.
             key = None if pad.pose else (*touched, top, is_large, by_force)
             make = partial(_states_up_to, pad, shape, top, is_large, by_force=by_force, key=key)
@@ -252,7 +241,7 @@ def _shared_states(pad: Pad, shape: Shape, highest: float, *, by_force: bool) ->
     highest = max(highest, 1e-9)
     # A force that never presses is a depth of nothing.
     by_force = by_force and highest > 1e-9
-    level = highest * _SHARES
+    level = levels_up_to(highest)
     is_large = has_large_strain(pad) and is_deep(pad, shape, level, by_force=by_force)
     return _states_up_to(pad, shape, highest, is_large, by_force=by_force)
 
@@ -267,7 +256,7 @@ def _states_up_to(
     key: Hashable | None = None,
 ) -> ContactHistory:
     """States at `LEVELS` levels up to `top`, with large strain or without."""
-    level = top * _SHARES
+    level = levels_up_to(top)
     nodes: SkinNodes
     large_strain = None
     if is_large and has_large_strain(pad):
@@ -286,48 +275,6 @@ def _states_up_to(
         large_strain=large_strain,
         key=key,
     )
-
-
-def _rung(pad: Pad, shape: Shape, highest: float, *, by_force: bool) -> tuple[float, bool]:
-    """Top of the rung of `highest` um, or N by force, and whether its states have large strain.
-
-    A depth of `SMALL_UM` ends a rung, as does the force at that depth: no rung has touches of both
-    kinds.
-    """
-    is_possible = has_large_strain(pad)
-    if not by_force:
-        top, most_um = _above(highest / SMALL_UM) * SMALL_UM, DEEPEST_UM if is_possible else MOST_UM
-        return (
-            min(top, most_um) if highest <= most_um else highest
-        ), is_possible and top > SMALL_UM
-    top = _above(highest)
-    if not is_possible:
-        return top, False
-    top = min(top, STRONGEST_N) if highest <= STRONGEST_N else highest
-
-    touched = None if pad.pose else (pad, shape_key(shape))
-
-    def is_deep_at(force_n: float) -> bool:
-        make = partial(is_deep, pad, shape, np.array([force_n]), by_force=True)
-        return kept(touched and (*touched, force_n, "is deep"), make, getsizeof)
-
-    if not is_deep_at(top):
-        return top, False
-    if is_deep_at(top / _RUNG) or is_deep_at(highest):
-        return top, True
-    forces_at = partial(press_to, pad, shape, np.array([SMALL_UM]))
-    most_n = kept(
-        touched and (*touched, "most of small strain"),
-        lambda: float(forces_at()[1].sum()),
-        getsizeof,
-    )
-    return max(highest, most_n), False
-
-
-def _above(share: float) -> float:
-    """The least power of `_RUNG` that is not below `share`."""
-    number = math.ceil(math.log2(share) * RUNGS_PER_DOUBLING - 1e-9)
-    return max(float(2.0 ** (number / RUNGS_PER_DOUBLING)), share)
 
 
 def _press_over_time(

@@ -1,7 +1,7 @@
 """What touches have in common, kept from one touch to the next: states of contact and their stress.
 
 A touch of a shape that goes in and out at one place is read from states at levels that all touches
-of a rung share (`fembridge.touching.contact_history`). What is kept has the bits of what would be
+of a rung share (`fembridge.touching.press_levels`). What is kept has the bits of what would be
 computed anew, so that no result depends on the touches before.
 """
 

@@ -12,6 +12,7 @@ from fembridge.touching.contact_history import solve_contact
 from fembridge.touching.kept_states import drop_states, kept, kept_bytes, shape_key
 from fembridge.touching.large_strain import SMALL_UM
 from fembridge.touching.pad_file import resolve_pad
+from fembridge.touching.press_levels import levels_up_to
 from fembridge.touching.ridged_pad import with_ridges
 from fembridge.touching.shape import Shape
 from fembridge.touching.trajectory import Trajectory
@@ -84,7 +85,7 @@ def test_a_level_between_states_has_the_contact_solved_at_it(shape, press):
     assert contact.knots[-1] > 1.01 * highest
     by_force = "press_n" in press
     nodes, forces, depth_um = contact_history.press_to(
-        RIDGED, shape, highest * contact_history._SHARES, by_force=by_force
+        RIDGED, shape, levels_up_to(highest), by_force=by_force
     )
     assert nodes.size
     total_n = np.interp(highest, contact.knots, contact.total_n)
